@@ -43,8 +43,8 @@ from report import Figures, parser, save, show
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
-from fsw_nmpc.ipopt_solver import cumulation, input_bounds, objective
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
+from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
 from fsw_test_support.nmpc_problems import make_library, random_problem
 
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
@@ -272,7 +272,8 @@ def against_converged(quick: bool) -> Figures:
             return reference_at(t, WELD_S / length_s)
 
         own, _ = close_loop(make(preset=preset), reference, length_s)
-        converged = make(preset=preset, solver="reference")
+        converged = make(preset=preset)
+        converged.solver = ReferenceSolver(converged.library, nominal())
         best, _ = close_loop(converged, reference, length_s)
         figures |= {
             f"iae_depth_vs_nlp{ending}": iae(own, 1) / iae(best, 1) - 1.0,

@@ -2,8 +2,8 @@
 
 All of them get the same problem: the steps and tables of the horizon, the moves, bounds, dead-bands and weights. None
 gets help from a solution: moves start at zero. What a solver needs to be told about a problem is made ready before its
-clock starts. IPOPT is given the moves only (``fsw_nmpc.ipopt_solver``), GEKKO and do-mpc the states of every step too;
-with do-mpc the power under way in the dead time is a line of states.
+clock starts. IPOPT is given the moves only (``fsw_test_support.nmpc_ipopt``), GEKKO and do-mpc the states of every step
+too; with do-mpc the power under way in the dead time is a line of states.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.ipopt_solver import ReferenceSolver
 from fsw_nmpc.library import Library, SolveStatus, Vector
-from fsw_nmpc.prediction import start_vector
+from fsw_test_support.nmpc_ipopt import ReferenceSolver
+from fsw_test_support.nmpc_prediction import start_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def one_step(
     arriving: Sequence[Any],
     kept: Kept = lambda value: value,
 ) -> tuple[list[Any], list[Any], Any]:
-    """One step of the prediction, as in ``fsw_nmpc.prediction``, of whatever can be added and multiplied.
+    """One step of the prediction, as in ``fsw_test_support.nmpc_prediction``, of whatever can be added and multiplied.
 
     ``mode`` is a row of the horizon's table; ``arriving`` the delayed power on copper and tool. ``kept`` is told every
     value that is worth a variable of its own and returns what stands for it. Returns state, power (3) and depth at the

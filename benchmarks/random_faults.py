@@ -78,7 +78,7 @@ def strike(graph: FaultyGraph, kind: str, target: str, lasting_s: float) -> None
 def trial(graph: FaultyGraph, random_: random.Random) -> Row:
     """One fault, and the way back to health."""
     kind, target, lasting_s = draw(random_, graph)
-    graph.begin_trial()
+    graph.observer.begin_trial()
     strike(graph, kind, target, lasting_s)
     struck_s = time.monotonic()
     recovered = graph.spin_until(graph.healthy, PATIENCE_S)
@@ -87,7 +87,7 @@ def trial(graph: FaultyGraph, random_: random.Random) -> Row:
         "lasting_s": lasting_s if kind != "kill" else 0.0,
         "recovered": recovered,
         "recovery_s": round(max(0.0, graph.healthy_since_s - struck_s), 2) if recovered else None,
-        **graph.end_trial(),
+        **graph.observer.end_trial(),
     }
 
 

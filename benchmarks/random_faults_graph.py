@@ -1,36 +1,31 @@
-"""A weld as processes to which anything may be done: starts parts again, plays the operator, keeps the score."""
+"""A weld as processes to which anything may be done; parts that end are started again."""
 
 from __future__ import annotations
 
 import re
 import signal
 import time
-from collections import deque
 from collections.abc import Callable
 from math import inf
 from pathlib import Path
-from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
 import rclpy
-from random_faults_floods import SOURCE, nonsense
+from random_faults_floods import nonsense
+from random_faults_observer import HEALTHY_TICKS, Observer
 from rclpy.context import Context
-from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import weld
-from fsw_control.contract import Command, Reference
-from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_control.units import NANOSECONDS
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SupervisorState, WeldCommand, WeldReference
-from fsw_msgs.srv import SetMode
+from fsw_control.contract import Reference
+from fsw_control.topics_ros import LATCHED
+from fsw_msgs.msg import WeldReference
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.machine import Proxy, free_port, write_machine_file
-from fsw_test_support.machine_server import MACHINE_FILE, moves_between
+from fsw_test_support.machine_server import MACHINE_FILE
 from fsw_test_support.ros_graph import Spinner
 
 _CONTROL = {
@@ -49,13 +44,9 @@ SUPERVISOR = (
     *(f"interlocks.temperature_{name}" for name in ("low.warn:=210.0", "low.trip:=200.0", "high.trip:=1000.0")),
     *("interlocks.temperature_high.warn:=950.0", "storm_swaps:=0"),
 )
-#: ticks in a row with a controller's command, after which the graph counts as healthy
-HEALTHY_TICKS = 20
 RESPAWN_S = 0.5
 #: the machine's clock is stepped by this, and back
 CLOCK_STEP_S = 300.0
-_DEEP = QoSProfile(depth=2000)
-_TICK_NS = round(weld.TICK_S * NANOSECONDS)
 _FLOOD_PER_SPIN = 40
 
 
@@ -106,6 +97,11 @@ class FaultyGraph(Spinner):
     folder : Path
         Gets logs and bags.
     domain : int
+
+    Attributes
+    ----------
+    observer : Observer
+        What is seen of the weld.
     """
 
     def __init__(self, parts: dict[str, str], folder: Path, domain: int) -> None:
@@ -117,13 +113,15 @@ class FaultyGraph(Spinner):
         rclpy.init(args=[], context=self._context, domain_id=domain)
         super().__init__(self._context)
         self._died_s: dict[str, float] = {}
-        self._page, self._operator_s = PageProbe(self._launcher), 0.0
-        self._pending: list[Any] = []
+        self._page = PageProbe(self._launcher)
         self.healthy_since_s = 0.0
         self._proxy: Proxy | None = None
         self._machine_file = Path()
-        self._observe()
-        self.begin_trial()
+        self._node = rclpy.create_node("random_faults", context=self._context)
+        self.executor.add_node(self._node)
+        self._references = self._node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self._refer()
+        self.observer = Observer(self._node)
 
     def __enter__(self) -> FaultyGraph:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -199,105 +197,29 @@ class FaultyGraph(Spinner):
 
     def bags(self) -> dict[str, int]:
         """How many bags there are, how many can be read to their end, and commands in them against those seen."""
-        return bags_in(self._folder) | {"commands": self._seen}
+        return bags_in(self._folder) | {"commands": self.observer.seen}
 
     # ---------------------------------------------------------------- what is seen
-
-    def _observe(self) -> None:
-        self._node = node = rclpy.create_node("random_faults", context=self._context)
-        self.executor.add_node(node)
-        self._drives: dict[int, Command] = {}
-        self._answered: dict[int, str] = {}
-        #: stamp and time of receipt of each tick; the stamps may step with the machine's clock
-        self._ticks: deque[tuple[int, float]] = deque(maxlen=100_000)
-        self._state: SupervisorState | None = None
-        self._seen = 0
-        node.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, _DEEP)
-        node.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, _DEEP)
-        node.create_subscription(WeldCommand, "fsw/command", self._on_command, _DEEP)
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)
-        self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
-        self._set_mode = node.create_client(SetMode, "fsw/set_mode")
-        self._references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
-        self._references.publish(convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0))
-        self._flooded: dict[str, Any] = {}
-
-    def _on_depth(self, message: ShoulderDepth) -> None:
-        if message.header.frame_id == SOURCE:
-            return
-        stamp_ns, now_s = convert.stamp_ns(message.header.stamp), time.monotonic()
-        before_ns, before_s = self._ticks[-1] if self._ticks else (0, now_s)
-        if stamp_ns == before_ns:
-            return
-        # by the receipt and by the stamps: a flood holds up the receipt here, a step of the clock moves the stamps
-        gap_s = min(now_s - before_s, abs(stamp_ns - before_ns) / NANOSECONDS)
-        self._score["longest_gap_s"] = max(self._score["longest_gap_s"], round(gap_s, 2))
-        self._ticks.append((stamp_ns, now_s))
-        self._score["ticks"] += 1
-
-    def _on_drives(self, message: DriveFeedback) -> None:
-        stamp_ns = convert.stamp_ns(message.header.stamp)
-        acting = convert.command(message)
-        before_ns, before = self._drives.popitem() if self._drives else (0, acting)
-        if abs(stamp_ns - before_ns - _TICK_NS) < _TICK_NS // 2:
-            self._score["acting_moves"] = max(self._score["acting_moves"], moves_between(acting, before))
-        self._drives = {stamp_ns: acting}
-
-    def _on_command(self, message: WeldCommand) -> None:
-        if message.source == SOURCE:
-            return
-        self._seen += 1
-        stamp_ns = convert.stamp_ns(message.header.stamp)
-        self._answered[stamp_ns] = message.source
-        acting = self._drives.get(stamp_ns)
-        if acting is not None:
-            self._score["command_moves"] = max(
-                self._score["command_moves"], moves_between(convert.command(message), acting)
-            )
-
-    def _on_state(self, message: SupervisorState) -> None:
-        if message.actual_mode == "safe_stop" and (self._state is None or self._state.actual_mode != "safe_stop"):
-            self._score["safe_stops"] += 1
-        self._state = message
 
     def healthy(self) -> bool:
         """Whether all parts are there and each of the last ticks was answered with a controller's command."""
         now_s = time.monotonic()
-        last = list(self._ticks)[-HEALTHY_TICKS - 2 : -2]  # the newest may still be under way
-        good = (
-            len(last) == HEALTHY_TICKS
-            and now_s - last[0][1] < 2 * HEALTHY_TICKS * weld.TICK_S
-            and last[0][1] >= self._begun_s
-            and all(self._answered.get(stamp_ns) in ("nmpc", "decentral") for stamp_ns, _ in last)
-            and now_s - self._ticks[-1][1] < 0.5
-            and all(child.running for child in self._launcher.children.values())
-            and self._page.answers(now_s)
-        )
+        running = all(child.running for child in self._launcher.children.values())
+        good = running and self.observer.commanded(now_s) and self._page.answers(now_s)
         if good:
             self.healthy_since_s = now_s - HEALTHY_TICKS * weld.TICK_S
         return good
 
     def describe(self) -> str:
         """What an engineer would want to see when nothing recovers."""
-        state = self._state
-        text = "no state" if state is None else f"{state.actual_mode} {state.actual_controller}: {state.reason}"
+        seen = self.observer
+        state = "no state"
+        if seen.state is not None:
+            state = f"{seen.state.actual_mode} {seen.state.actual_controller}: {seen.state.reason}"
         away = [name for name, child in self._launcher.children.items() if not child.running]
-        age_s = time.monotonic() - self._ticks[-1][1] if self._ticks else inf
-        newest = [self._answered.get(stamp_ns, "-") for stamp_ns, _ in list(self._ticks)[-5:]]
-        return f"{text}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; page {self._page.is_there}"
-
-    # ---------------------------------------------------------------- a trial
-
-    def begin_trial(self) -> None:
-        """Set the score to nothing."""
-        self._begun_s = time.monotonic()
-        names = ("ticks", "safe_stops", "operator_requests", "command_moves", "acting_moves", "longest_gap_s")
-        self._score: dict[str, Any] = dict.fromkeys(names, 0)
-
-    def end_trial(self) -> dict[str, Any]:
-        """The score since :meth:`begin_trial`."""
-        some = [stamp_ns for stamp_ns, heard_s in list(self._ticks)[:-2] if heard_s >= self._begun_s]
-        return {**self._score, "ticks_without_command": sum(stamp_ns not in self._answered for stamp_ns in some)}
+        age_s = time.monotonic() - seen.ticks[-1][1] if seen.ticks else inf
+        newest = [seen.answered.get(stamp_ns, "-") for stamp_ns, _ in list(seen.ticks)[-5:]]
+        return f"{state}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; page {self._page.is_there}"
 
     def spin_for(self, seconds: float) -> None:
         """Let time pass."""
@@ -309,7 +231,7 @@ class FaultyGraph(Spinner):
         while time.monotonic() < end_s:
             self.spin()
             self._keep(time.monotonic())
-            self._operate(time.monotonic())
+            self.observer.operate(time.monotonic())
             if condition():
                 return True
         return False
@@ -321,18 +243,6 @@ class FaultyGraph(Spinner):
                 self._start(name)
                 return
 
-    def _operate(self, now_s: float) -> None:
-        """Once a second: what an operator does who wants to go on welding."""
-        if self._state is None or now_s < self._operator_s + 1.0:
-            return
-        self._operator_s = now_s
-        if self._state.actual_mode == "safe_stop" and self._acknowledge.service_is_ready():
-            self._pending.append(self._acknowledge.call_async(Trigger.Request()))
-            self._score["operator_requests"] += 1
-        if self._state.actual_mode in ("safe_stop", "hold", "manual") and self._set_mode.service_is_ready():
-            self._pending.append(self._set_mode.call_async(SetMode.Request(mode="auto")))
-        self._pending = [future for future in self._pending if not future.done()][-20:]
-
     # ---------------------------------------------------------------- floods
 
     def flood(self, target: str, lasting_s: float) -> None:
@@ -343,7 +253,7 @@ class FaultyGraph(Spinner):
                 self._page.look()
                 self.spin_until(lambda: False, 0.005)
             return
-        kind, topic, make = nonsense(self._ticks[-1][0])[target]
+        kind, topic, make = nonsense(self.observer.ticks[-1][0])[target]
         publisher = self._node.create_publisher(kind, topic, LATCHED if target == "reference" else 10)
         while time.monotonic() < end_s:
             for number in range(_FLOOD_PER_SPIN):
@@ -351,4 +261,7 @@ class FaultyGraph(Spinner):
             self.spin_until(lambda: False, 0.02)
         self._node.destroy_publisher(publisher)
         if target == "reference":
-            self._references.publish(convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0))
+            self._refer()
+
+    def _refer(self) -> None:
+        self._references.publish(convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0))

@@ -135,13 +135,14 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     assert page.ask("safe_stop")["outcome"] == "done"
     page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
     page.seen("alarms", lambda frame: any(one["id"] == "safe_stop" for one in frame["alarms"]))
-    weld.until(lambda: len(weld.actions) == 10, "all actions")
+    weld.until(lambda: len(weld.actions) == 11, "all actions")
     assert [(one.action, one.outcome) for one in weld.actions] == [
+        ("log in", "done"),
         ("take control", "done"),
-        ("set-points 2.66 mm, 816.4 degC", "done"),
+        ("set-points 2.66 mm, 816.4 °C", "done"),
         ("switch to nmpc", "done"),
         ("switch to nobody", "refused"),
-        ("set-points 2.68 mm, 818.4 degC, ramp", "done"),
+        ("set-points 2.68 mm, 818.4 °C, ramp", "done"),
         ("mode hold", "done"),
         ("mode auto", "done"),
         ("disturb depth step 0.05", "done"),
@@ -184,7 +185,7 @@ def test_safe_stop_while_the_supervisor_changes(weld):
 @pytest.mark.requirement("S18")
 def test_junk_from_strangers_does_not_act(weld):
     page = weld.start_weld("--ros-args", "-p", "local_stop:=false")
-    weld.until(lambda: len(weld.actions) == 2 and weld.states, "what has been done")
+    weld.until(lambda: len(weld.actions) == 3 and weld.states, "what has been done")
     recorded, transitions = len(weld.actions), weld.states[-1].transitions
     for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):
         with Page(weld.url) as stranger:
@@ -245,9 +246,9 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     with BagReader(graph.bag) as bag:
         recorded = [bag.decode(one) for one in bag.records(topics=["/fsw/operator_action"])]
     assert [(one.action, one.outcome) for one in recorded][-5:] == [
-        ("set-points 2.7 mm, 822 degC", "refused"),
+        ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),
-        ("set-points 2.7 mm, 822 degC", "done"),
+        ("set-points 2.7 mm, 822 °C", "done"),
         ("weld resume", "done"),
         ("weld abort", "done"),
     ]

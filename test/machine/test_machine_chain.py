@@ -15,6 +15,10 @@ from machine_weld import GRAPH, MachineWeld
 
 from fsw_control import weld as weld_numbers
 from fsw_control.free_domain import free_domain
+from fsw_control.parameters import defaults, load
+from fsw_hmi.alarm_desk_ros import AlarmDesk
+from fsw_hmi.watch_ros import Watch
+from fsw_msgs.msg import WeldCommand
 from fsw_scenario.launcher import Launcher
 from fsw_test_support import machine_server
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
@@ -86,6 +90,53 @@ def weld(chain):
     yield chain
     chain.runs(more=3)
     chain.assert_no_bump(first)
+
+
+@pytest.fixture(scope="module")
+def desk(chain):
+    """The alarms of the operator's page, in this graph."""
+    watch = Watch(chain.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
+    return AlarmDesk(chain.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__)
+
+
+def until_alarm(weld, desk, name, state, text=""):
+    """Judge until the operator's page shows an alarm, in a state and with a text."""
+
+    def is_so():
+        desk.judge()
+        entry = desk.list.entries.get(name)
+        return entry is not None and entry.state == state and text in entry.alarm.text
+
+    weld.until(is_so, f"{name} {state}")
+
+
+@pytest.mark.requirement("S17")
+def test_operator_is_told_that_commands_do_not_reach_the_machine_and_why(weld, desk):
+    weld.until(lambda: desk.judge() or desk.frame()["reach"]["ok"], "commands to reach the machine")
+    assert "machine" not in desk.list.entries
+    weld.machine.do(lambda server: setattr(server, "permissive", False))
+    until_alarm(weld, desk, "machine", "active", "Commands do not reach the machine: it does not permit them")
+    assert desk.frame()["reach"]["ok"] is False
+    weld.machine.do(lambda server: setattr(server, "permissive", True))
+    until_alarm(weld, desk, "machine", "cleared")
+    weld.proxy.cut()
+    weld.proxy.stall()
+    until_alarm(weld, desk, "machine", "active", "Commands do not reach the machine: ")
+    assert "permit" not in desk.list.entries["machine"].alarm.text
+    weld.proxy.flow()
+    until_alarm(weld, desk, "machine", "cleared")
+    weld.runs()
+    weld.until(lambda: desk.judge() or desk.frame()["reach"]["ok"], "commands to reach the machine")
+
+
+@pytest.mark.requirement("S17")
+def test_operator_is_told_of_a_foreign_writer(weld, desk):
+    rogue = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
+    weld.until(lambda: rogue.get_subscription_count() >= 2, "supervisor and gateway to hear it")
+    rogue.publish(WeldCommand(header=weld.depths[-1].header, source="rogue", healthy=True))
+    until_alarm(weld, desk, "foreign", "active")
+    weld.node.destroy_publisher(rogue)
+    until_alarm(weld, desk, "foreign", "cleared")
 
 
 def test_it_welds(weld):

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.time import Time  # noqa: E402
 
 _GENUINE = _SOURCE not in Path(rclpy.__file__).resolve().parents and "ROS_DISTRO" in os.environ
+#: For what comes within seconds on an idle machine: on a busy one a process takes a minute to start.
+PATIENCE_S = 240.0
 # Every test has another domain: participants that were killed linger in theirs until their lease ends.
 _DOMAINS = range(20, 101)
 _turns = itertools.count(os.getpid())
@@ -61,9 +64,9 @@ def default_context() -> Iterator[None]:
     rclpy.try_shutdown()
 
 
-@pytest.fixture
-def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A domain that no other test on this machine uses now; ROS_DOMAIN_ID is set to it."""
+@contextmanager
+def _free_domain() -> Iterator[int]:
+    """A domain that no other test on this machine uses now."""
     for turn in itertools.islice(_turns, len(_DOMAINS)):
         domain = _DOMAINS[turn % len(_DOMAINS)]
         with (Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w") as lock:
@@ -71,10 +74,24 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
             yield domain
             return
     pytest.fail("all test domains are in use")
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain that no other test on this machine uses now; ROS_DOMAIN_ID is set to it."""
+    with _free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
+
+
+@pytest.fixture
+def other_domain_id(domain_id: int) -> Iterator[int]:
+    """Another one."""
+    with _free_domain() as domain:
+        yield domain
 
 
 @pytest.fixture
@@ -112,7 +129,7 @@ class Spinner:
     def __init__(self, context: Context) -> None:
         self.executor = SingleThreadedExecutor(context=context)
 
-    def until(self, condition: Callable[[], Any], timeout_sec: float = 10.0) -> bool:
+    def until(self, condition: Callable[[], Any], timeout_sec: float = PATIENCE_S) -> bool:
         """Spin until `condition` is true; return whether it is."""
         end = time.monotonic() + timeout_sec
         while not condition() and time.monotonic() < end:
@@ -155,7 +172,7 @@ class Program:
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
-    def finish(self, timeout_sec: float = 20.0) -> tuple[int, str, str]:
+    def finish(self, timeout_sec: float = PATIENCE_S) -> tuple[int, str, str]:
         """Wait for the end; return exit code, remaining output and errors."""
         out, err = self.process.communicate(timeout=timeout_sec)
         return self.process.returncode, out, err
@@ -180,7 +197,7 @@ def run_program(domain_id: int) -> Iterator[Callable[..., Program]]:
                 stream.close()
 
 
-def wait_until(condition: Callable[[], Any], timeout_sec: float = 10.0) -> bool:
+def wait_until(condition: Callable[[], Any], timeout_sec: float = PATIENCE_S) -> bool:
     """Wait, without spinning, until `condition` is true; return whether it is."""
     end = time.monotonic() + timeout_sec
     while not condition() and time.monotonic() < end:

@@ -145,7 +145,7 @@ import rclpy
 rclpy.init()
 node = rclpy.create_node("node_" + __import__("sys").argv[1])
 print("ready", flush=True)
-print(node.wait_for_node("node_" + __import__("sys").argv[2], 30), flush=True)
+print(node.wait_for_node("node_" + __import__("sys").argv[2], 120), flush=True)
 input()
 """
     programs = []

@@ -91,7 +91,7 @@ def test_fuzzed_messages(node: Any, spinner: Any, attacker: Attacker, wait_until
         send(bytes(data[: generator.randint(5, len(data))]))
     end = ParameterEvent(node="/the/end")
     send(serialize_message(end))
-    assert spinner.until(lambda: got and got[-1] == end, 30)
+    assert spinner.until(lambda: got and got[-1] == end)
     assert faults.counts["/events"] > 50
 
 
@@ -102,7 +102,7 @@ def test_bad_requests_and_replies(node: Any, spinner: Any, attacker: Attacker, w
 
     node.create_service(SetBool, "invert", invert)
     client = node.create_client(SetBool, "invert")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     ask = attacker.writer("rq/invertRequest", "std_srvs::srv::dds_::SetBool_Request_", user_data="clientid=nonsense;")
     reply = attacker.writer("rr/invertReply", "std_srvs::srv::dds_::SetBool_Response_", user_data="serviceid=;")
     assert wait_until(lambda: len(client.handle.get_matched_publications()) == 2)

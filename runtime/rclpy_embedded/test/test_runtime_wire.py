@@ -85,11 +85,11 @@ class Scene:
         self.executors = [SingleThreadedExecutor(context=context) for context in self.contexts]
         self.executors[0].add_node(self.server)
         self.executors[1].add_node(self.client)
-        assert self.go_home.wait_for_service(10)
+        assert self.go_home.wait_for_service(120)
         for _ in range(2):
             self._complete(self.go_home.call_async(Trigger.Request()))
         self.set_gain = AsyncParameterClient(self.client, "/srv_node")
-        assert self.set_gain.wait_for_services(10)
+        assert self.set_gain.wait_for_services(120)
         self._complete(self.set_gain.set_parameters([Parameter("gain", value=2.5)]))
 
     @staticmethod

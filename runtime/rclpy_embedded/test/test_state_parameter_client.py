@@ -18,7 +18,7 @@ def client(node: Node, spinner: Any) -> AsyncParameterClient:
     node.declare_parameter("loose", 1, ParameterDescriptor(dynamic_typing=True))
     client = AsyncParameterClient(node, node.get_name())
     assert spinner.until(client.services_are_ready)
-    assert client.wait_for_services(timeout_sec=1.0)
+    assert client.wait_for_services(timeout_sec=120.0)
     return client
 
 

@@ -50,11 +50,11 @@ class Sleeper(threading.Thread):
 
     def asleep(self) -> "Sleeper":
         self.start()
-        assert self.context.waiting.wait(10.0)
+        assert self.context.waiting.wait(120.0)
         return self
 
     def woken(self) -> bool:
-        self.join(10.0)
+        self.join(120.0)
         assert not self.is_alive(), "the sleep did not end"
         return self.result
 

@@ -11,9 +11,9 @@ from fsw_analysis.replay import replay
 from fsw_scenario.controllers import described_in, maker, name_of
 from fsw_schema.models import InputError
 
-#: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4
+#: another processor changes a command by about 1e-12; an operator could notice 1e-4
 _TOLERANCE = 1e-9
-#: exit code when all that was replayed is equal, but a controller of the bag could not be replayed
+#: exit code when all replayed controllers agree, but one of the bag could not be replayed
 _LEFT_OUT = 3
 #: exit code when proposals differ, but only those of controllers whose state at the beginning is unknown
 _NOT_COMPARABLE = 4

@@ -48,10 +48,10 @@ def exit_code(action: Callable[[], int]) -> int:
         print("interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        # whoever read our output has seen enough; nothing is left to be flushed at exit
+        # the reader of the output has ended; nothing may be flushed at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # a file that the system does not let us read or write, whoever meets it
+    except OSError as error:  # a file that cannot be read or written, wherever it occurs
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1

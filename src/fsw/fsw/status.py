@@ -10,7 +10,7 @@ from fsw.errors import CommandError
 from fsw.operate import add_graph_command, health
 from fsw_control import units
 
-#: how long to go on listening when something has been heard
+#: how long to go on listening after the first message
 _SETTLE_S = 1.0
 
 

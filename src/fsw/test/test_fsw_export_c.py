@@ -106,7 +106,6 @@ def test_nothing_but_the_listed_library_functions(objects, controller):
         (["--model", "fast.yaml"], "'dead_time_s' is 0.5: the NMPC needs at least 0.9 s"),
         (["--model", "unknown.yaml"], "unknown"),
         (["--tuning", "wrong.yaml"], "copper_lag_s is an unknown key"),
-        (["--parameter", "solver=reference"], "solver must be rti"),
         (["--parameter", "calmness=1e9"], "calmness"),
         (["--parameter", "calmness"], "NAME=VALUE"),
         (["--out", "full"], "full: holds something else"),

@@ -134,7 +134,6 @@ ERRORS = [
     ("nmpc", ["--model", "unknown.yaml"], "gain is an unknown key"),
     ("nmpc", ["--tuning", "missing.yaml"], "cannot read tuning_file missing.yaml"),
     ("nmpc", ["--parameter", "force_min=99"], "force_min (99) must be below force_max"),
-    ("nmpc", ["--parameter", "solver=reference"], "solver must be rti"),
     ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),
     ("decentral", ["--tuning", "unknown.yaml"], "unknown parameters gain"),

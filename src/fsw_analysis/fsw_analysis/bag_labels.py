@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def labels(bags: Sequence[Path]) -> list[str]:
-    """Shortest path ends that distinguish the bags; a folder ``bag`` goes by the name of the one that it is in."""
+    """Shortest path ends that distinguish the bags; a folder ``bag`` gets the name of its parent folder."""
     named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
     parts = [path.parts for path in named]
     for length in range(1, max(map(len, parts)) + 1):

@@ -1,4 +1,4 @@
-"""What happened in a weld, for the time line: phases, swaps, modes, interlocks and what operators did."""
+"""What happened in a weld, for the time line: phases, swaps, modes, interlocks and operators' actions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PROGRESS: dict[str, Kind] = {
 }
 ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
 ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}
-#: events of the alarms' journal that are told; the others follow from them
+#: events of the alarm journal that are shown; the others follow from them
 _ALARMS = ("raised", "re-raised", "worsened", "shelved")
 #: by former and present state of the programme
 _STATES = {("held", "running"): "resumed"}
@@ -52,7 +52,7 @@ def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:
 
 
 def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
-    """Controllers and modes that take over, interlocks that come and go, from the supervisor's reports."""
+    """Controllers and modes that take over, interlocks that trip and clear, from the supervisor's reports."""
     names = ("actual_controller", "actual_mode", "interlocks", "reason", "requested_by")
     before: tuple[str, str, frozenset[str]] | None = None
     for time_s, (controller, mode, interlocks, reason, requested_by) in _in_order(times_s, state, *names):
@@ -78,7 +78,7 @@ def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
 
 
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
-    """Alarms that came, came again, became worse or were shelved, from the journal of the operator's page."""
+    """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
     for time_s, (event, priority, text, who, reason) in _in_order(times_s, journal, *ALARM):
         if event in _ALARMS:
             by = f" by {who}, {reason}" if event == "shelved" else ""

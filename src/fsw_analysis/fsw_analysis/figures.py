@@ -30,7 +30,7 @@ _MARKS: dict[str, dict[str, Any]] = {
 }
 #: height of the strip that shows who commands, as a share of the axis
 _STRIP = 0.035
-#: more of a kind would cover the axis
+#: more marks of one kind would hide the axis
 _MOST_MARKS = 20
 #: widths of the lowest and the uppermost of several lines, so that each is seen where they coincide
 _LINE_WIDTHS = (2.4, 1.1)
@@ -153,7 +153,7 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
 
 
 def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
-    """Draw depth, temperature and their errors, as the paper's Figs. 6 and 8, under a title of one's own."""
+    """Draw depth, temperature and their errors, as the paper's Figs. 6 and 8, under another title."""
     _draw_page(runs, title, _OUTPUTS, 1, path)
 
 
@@ -257,7 +257,7 @@ def _colours(runs: Sequence[Run]) -> list[str]:
 
 
 def _draw_curves(axis: Axes, panel: _Panel, runs: Sequence[Run], curves: Sequence[FloatArray]) -> None:
-    """Draw one curve of each run, that with the most restless commands lowest and widest: none covers another."""
+    """Draw one curve of each run, the most active commands lowest and widest, so that none hides another."""
     widths = np.linspace(*_LINE_WIDTHS, len(runs)) if len(runs) > 1 else [STYLE["lines.linewidth"]]
     ranks = np.argsort(np.argsort([-_restlessness(run.signals) for run in runs], kind="stable"))
     for run, values, colour, rank in zip(runs, curves, _colours(runs), ranks.tolist(), strict=True):
@@ -338,7 +338,7 @@ def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
 
 
 def _scale(axis: Axes, panel: _Panel, shown: list[FloatArray]) -> None:
-    """Scale to the data, but never so far that noise fills the picture; limits are drawn where they are near."""
+    """Scale to the data, but not so far that noise fills the axis; limits are drawn if they are near."""
     known = np.concatenate([values[np.isfinite(values)] for values in shown]) if shown else np.empty(0)
     if not known.size:
         axis.text(0.5, 0.5, "not in this bag", transform=axis.transAxes, ha="center", va="center", color="gray")

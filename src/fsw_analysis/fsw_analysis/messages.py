@@ -33,7 +33,7 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
 }
 #: topic and field of each of `fsw_control.contract.SENSORS`
 SENSOR_FIELDS = {sensor: (f"/{topic}", field) for sensor, (topic, field) in contract.SENSOR_FIELDS.items()}
-#: what a weld cannot do without one of, with its namespace before it
+#: topics of which a weld has at least one, after its namespace
 _OF_A_WELD = re.compile(
     rf"(.*)(?:{'|'.join(topic for topic, _ in SENSOR_FIELDS.values())}|/fsw/plant/truth|/fsw/command)"
 )

@@ -174,7 +174,7 @@ class Replay:
     comparable: bool
 
     def against_own(self, title: str, tolerance: float = 0.0) -> Comparison:
-        """Compare with the controller's recorded proposals, of which there are none where it was not in the weld."""
+        """Compare with the controller's recorded proposals, if it took part in the weld."""
         return self._against(self.own, title, tolerance)
 
     def against_applied(self, title: str, tolerance: float = 0.0) -> Comparison:
@@ -329,17 +329,17 @@ class _Inputs:
         return values, notes
 
     def in_mid_weld(self, name: str, notes: list[str]) -> bool:
-        """Whether the controller had answered before the bag begins: it states set-points that it followed before."""
+        """Whether the controller was running before the bag begins: the first set-points that it reports are older."""
         before = any(0 < one.stamp_ns < self.stamps[0] for one in self._stated[:1])
         if before:
             notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
         return before
 
     def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
-        """Set-points with the stamp of the tick from which the controller followed each, as it states itself.
+        """Set-points with the stamp of the tick from which the controller followed each, as it reported them.
 
-        Where the bag lacks that, those hold that had come when the samples of a tick had: the proposal, which is later
-        by the time of the solution, is too late to judge by.
+        Where the bag lacks these reports, those count that were received before the samples of a tick; the proposal is
+        no measure, because it is later by the solve time.
         """
         known = {(round(one.depth_mm, 9), one.temperature_c): one.reference for one in (*self._sent, *self._held)}
         # a conversion on the wire may change the last bit
@@ -360,7 +360,7 @@ class _Inputs:
         return points
 
     def _by_hand(self) -> bool:
-        """Whether set-points came in real time for the present tick or at once, not ahead as a programme sends them."""
+        """Whether set-points arrived in real time with immediate effect, not ahead as a programme sends them."""
         coming = [one for one in self._sent if self.came[0] > _REAL_TIME_NS and one.log_ns > self.came[0]]
         newest = self.stamps[np.searchsorted(self.came, [one.log_ns for one in coming]) - 1].tolist()
         return any(one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True))
@@ -372,7 +372,7 @@ class _Inputs:
         references: Iterable[tuple[int, Reference]],
         stamps: Sequence[int],
     ) -> list[Proposal]:
-        """The controller's answers to the recorded measurements."""
+        """The controller's proposals for the recorded measurements."""
         guard = SensorGuard(sensor_limits(settings))
         applied = Command(settings["initial_force"], settings["initial_speed"])
         controller.reset(applied)

@@ -1,8 +1,8 @@
 """Which set-points were in force at which tick of a recorded weld.
 
 The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the recorder received: the
-set-points as sent and as the supervisor states them. What was published before the recording began counts from its
-first tick on. Which ones a controller followed, it states itself.
+set-points as sent and as the supervisor reports them. What was published before the recording began counts from its
+first tick on. Each controller reports which ones it followed.
 """
 
 from __future__ import annotations
@@ -12,17 +12,19 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from fsw_analysis.messages import WeldMessages, stamp_of
+from fsw_analysis.messages import Kind, WeldMessages, stamp_of
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.contract import Reference
 from fsw_control.ranges import set_point_problem
 from fsw_control.references import OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
 
-#: topics of set-points: as sent, as the supervisor states them, and as announced
+#: topics of set-points: as sent, as the supervisor reports them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
-#: a recorder that joins has received what was sent before after this time
+#: time after which a new recorder has received what was sent before it joined
 _JOINING_NS = 2 * NANOSECONDS
+#: definition of the place in the order; bags recorded before version 0.2 have it as decimal text in the header's frame
+_ISSUED = "builtin_interfaces/Time issued"
 UNKNOWN_ORDER = (
     f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
     "errors and figures of merit may refer to the wrong ones"
@@ -45,14 +47,19 @@ class SetPoint(NamedTuple):
 
 
 def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
-    """Usable set-points that were sent (``SENT``) or stated (``HELD``, of a controller), in order of receipt.
-
-    A statement carries its place in the order as the frame of its header.
-    """
-    table = messages.table(topic, {"depth": "number", "temperature": "number", "header.frame_id": "text"})
-    issued = table.publish_ns.tolist()
+    """Valid set-points that were sent (``SENT``) or reported (``HELD``, or by a controller), in order of receipt."""
+    fields: dict[str, Kind] = {"depth": "number", "temperature": "number"}
+    is_older = topic in messages.topics and _ISSUED not in messages.topics[topic].definition
     if topic != SENT:
+        fields |= {"header.frame_id": "text"} if is_older else {"issued.sec": "number", "issued.nanosec": "number"}
+    table = messages.table(topic, fields)
+    if topic == SENT:
+        issued = table.publish_ns.tolist()
+    elif is_older:
         issued = [int(text) if text.isdecimal() else 0 for text in table.column("header.frame_id")]
+    else:
+        parts = zip(table.column("issued.sec"), table.column("issued.nanosec"), strict=True)
+        issued = [int(sec) * NANOSECONDS + int(nanosec) for sec, nanosec in parts]
     depths_mm = map(mm_from_m, table.column("depth").tolist())
     temperatures = table.column("temperature").tolist()
     rows = zip(table.log_ns.tolist(), issued, table.stamp_ns.tolist(), depths_mm, temperatures, strict=True)

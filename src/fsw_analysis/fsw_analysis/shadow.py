@@ -22,7 +22,7 @@ _TYPE = "fsw_msgs/msg/WeldCommand"
 
 
 def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> None:
-    """Copy the controller's inputs, and what figures and figures of merit need, and add its proposals.
+    """Copy the controller's inputs and all that figures and figures of merit need, and add its proposals.
 
     Raises
     ------

@@ -45,12 +45,10 @@ class _Ticks:
         """The tick that each message answers, if it answers any."""
         return np.minimum(np.searchsorted(self.stamp_ns, table.stamp_ns), self.stamp_ns.size - 1)
 
-    def align(self, table: Table, values: Column, first_wins: bool = False) -> Column:
-        """Values at the ticks, of several with one stamp the last; NaN or empty where there is none."""
+    def align(self, table: Table, values: Column) -> Column:
+        """Values at the ticks, of several with one stamp the first, as `JoinRules` says; NaN or empty without any."""
         rows = self._rows(table)
-        index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)
-        if first_wins:
-            index = index[::-1]
+        index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)[::-1]
         result = np.full(self.stamp_ns.size, "" if values.dtype == object else np.nan, dtype=values.dtype)
         result[rows[index]] = values[index]
         return result
@@ -114,7 +112,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     state = messages.table("/fsw/supervisor/state", events.STATE)
     ticks = _Ticks(_sources(messages, list(sensors.values()), [truth, command]))
     depth, torque, temperature = (
-        ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True) for name, table in sensors.items()
+        ticks.align(table, table.column(SENSOR_FIELDS[name][1])) for name, table in sensors.items()
     )
     applied = ticks.group(ProposalSignals, command)
     depths_in_force, temperatures_in_force = _references(messages, ticks)
@@ -149,7 +147,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
 
 
 def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:
-    """The tables whose stamps are the ticks: those of the sensors, without any what else has a message per tick."""
+    """The tables whose stamps are the ticks: the sensors' or, without any, others with a message per tick."""
     sources = [one for one in sensors if one] or [one for one in others if one]
     if not sources:
         needed = [topic for topic, _ in SENSOR_FIELDS.values()]
@@ -162,7 +160,7 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
 
 
 def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
-    """Add the programme that was played, its phases, alarms, and what operators did."""
+    """Add the programme that was played, its phases, alarms, and operators' actions."""
     journal = messages.table("/fsw/alarms", events.ALARM)
     weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)

@@ -15,7 +15,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
-#: shorter ones are no weld's; with the next two it bounds the memory that a damaged bag can ask for
+#: shortest plausible period; with the next two it bounds the memory that a damaged bag can require
 _SHORTEST_PERIOD_NS = 10_000_000
 _MOST_GAPS = 1000
 #: longest pause of all topics that still is a gap; beyond it the plant was started again
@@ -62,7 +62,7 @@ class TickCounter:
 
 
 def _filled(ticks: IntArray) -> IntArray:
-    """Ticks with those put in that no topic has."""
+    """Ticks, including those that are missing on all topics."""
     steps = np.diff(ticks)
     period = int(np.median(steps)) if steps.size > 1 else 0
     if period < _SHORTEST_PERIOD_NS:

@@ -75,7 +75,7 @@ class StatusSignals:
 
 @dataclass(slots=True)
 class DriveSignals:
-    """Inputs that act, with every disturbance that a load cell sees, as the drives report them; NaN where missing."""
+    """Inputs acting on the process as the drives measure them, disturbances included; NaN where missing."""
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
     speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
@@ -157,7 +157,7 @@ class WeldSignals:
     proposals, statuses : dict
         By controller name (``nmpc``, ``decentral``, …).
     drives : DriveSignals or None
-        What the drives report; None when the bag has nothing of it.
+        Feedback of the drives; None when the bag has none.
     truth : TruthSignals or None
         The plant emulator's truth; None when the bag has none (a real weld).
     attachments : dict of str to bytes
@@ -173,8 +173,8 @@ class WeldSignals:
     events : list of WeldEvent
         In order of time.
     programme_depth_mm, programme_temperature_c : FloatArray
-        Set-points of the programme at the tick, which are not those in force while it is held or steered by hand; those
-        in force where the bag has no programme.
+        Set-points of the programme at the tick, not those in force while it is held or operated by hand;
+        those in force where the bag has no programme.
     angle_deg : FloatArray
         Where the tool was about the canister's axis, by the programme; NaN where the bag has none.
     """

@@ -89,6 +89,12 @@ class Tape:
     def put_reference(self, reference: Reference, topic: str = "/fsw/reference", at_once: bool = False) -> None:
         self.put(topic, at_once, depth=m_from_mm(reference.depth_mm), temperature=reference.temperature_c)
 
+    def announce(self, coming: Reference, at_ns: int) -> Coming:
+        depth_m, temperature_c = m_from_mm(coming.depth_mm), coming.temperature_c
+        one = {"header": header(at_ns), "depth": depth_m, "temperature": temperature_c}
+        self.put("/fsw/reference_plan", references=[one])
+        return Coming(at_ns / 1e9, coming.depth_mm, temperature_c)
+
 
 def record(
     bag: Path,
@@ -127,10 +133,7 @@ def record(
             if stated and tick in (0, 31):
                 tape.put_reference(reference, "/fsw/simple/reference")
             if announced and tick == 20:
-                at_ns = tape.stamp + 20 * TICK_NS
-                one = {"header": header(at_ns), "depth": m_from_mm(OTHER.depth_mm), "temperature": OTHER.temperature_c}
-                tape.put("/fsw/reference_plan", references=[one])
-                reference = replace(reference, coming=(Coming(at_ns / 1e9, OTHER.depth_mm, OTHER.temperature_c),))
+                reference = replace(reference, coming=(tape.announce(OTHER, tape.stamp + 20 * TICK_NS),))
             if announced and tick == 40:  # it does not come true
                 reference = replace(reference, coming=())
             depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)

@@ -12,8 +12,10 @@ from fsw_analysis import kpi
 from fsw_analysis.set_points import HELD, SENT, UNKNOWN_ORDER, SetPoint, timeline
 from fsw_analysis.signals import load_weld
 from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.interface_text import interface_definition
 from fsw_test_support.sample_weld import SampleTypes, sample_messages, sample_topics
 
+REFERENCE = "fsw_msgs/msg/WeldReference"
 S = 1_000_000_000
 #: a recording of 10 s from weld time 60 s on, in simulated time and on the wall clock
 WALL = 1_700_000_000 * S
@@ -77,15 +79,25 @@ def test_unknown_order_is_told() -> None:
     assert depths(alone, []) == ([2.6, 2.6], [])
 
 
-def bag_from_mid_weld(bag: Path, order: tuple[int, ...], topics: tuple[str, ...] = (SENT,)) -> Path:
+def older_definition() -> str:
+    """Definition of a set-point before it had a field for its place in the order."""
+    lines = interface_definition(REFERENCE).splitlines()
+    return "\n".join(line for line in lines if not line.startswith(("builtin_interfaces/Time issued", "string mark")))
+
+
+def bag_from_mid_weld(
+    bag: Path, order: tuple[int, ...], topics: tuple[str, ...] = (SENT,), is_older: bool = False
+) -> Path:
     """The last 2 s of a weld whose set-points were all sent before the recording began."""
-    types = SampleTypes()
+    definition = older_definition() if is_older else interface_definition(REFERENCE)
+    types = SampleTypes({REFERENCE: definition})
     latched = [(0, 2.6e-3, 0.0), (1, 2.66e-3, 10.0), (2, 2.67e-3, 20.0)]  # sent then, depth, stamp after the start
     with BagWriter(bag) as writer:
         for topic in sample_topics():
-            writer.add_topic(topic)
             if topic.name == SENT:
+                topic = replace(topic, definition=definition)
                 writer.add_topic(replace(topic, name=HELD))
+            writer.add_topic(topic)
         begin_ns = 0
         for name, time_ns, data in sample_messages(320):
             begin_ns = begin_ns or time_ns - time_ns % S
@@ -97,19 +109,23 @@ def bag_from_mid_weld(bag: Path, order: tuple[int, ...], topics: tuple[str, ...]
                 for topic_name in topics:
                     for sent_s, depth, stamp_s in rows if topic_name == SENT else [rows[order.index(2)]]:
                         stamp = {"sec": begin_ns // S + round(stamp_s), "nanosec": 0} if stamp_s else {}
-                        place = "" if topic_name == SENT else str(begin_ns + sent_s * S)
-                        header = {"stamp": stamp, "frame_id": place}
+                        header: dict[str, Any] = {"stamp": stamp}
                         values: dict[str, Any] = {"header": header, "depth": depth, "temperature": 816.0}
-                        payload = types.serialize("fsw_msgs/msg/WeldReference", values)
+                        if topic_name == HELD and is_older:
+                            header["frame_id"] = str(begin_ns + sent_s * S)
+                        elif topic_name == HELD:
+                            values["issued"] = {"sec": begin_ns // S + sent_s, "nanosec": 0}
+                        payload = types.serialize(REFERENCE, values)
                         writer.write(topic_name, payload, time_ns - 1000, begin_ns + sent_s * S)
             writer.write(name, data, time_ns, time_ns)
     return bag
 
 
+@pytest.mark.parametrize("is_older", [False, True])
 @pytest.mark.parametrize("topics", [(SENT,), (HELD,), (SENT, HELD)])
-def test_figures_of_merit_of_a_bag_from_mid_weld(tmp_path: Path, topics: tuple[str, ...]) -> None:
+def test_figures_of_merit_of_a_bag_from_mid_weld(tmp_path: Path, topics: tuple[str, ...], is_older: bool) -> None:
     for i, order in enumerate([(0, 1, 2), (2, 1, 0)]):
-        signals = load_weld(bag_from_mid_weld(tmp_path / f"bag{i}", order, topics))
+        signals = load_weld(bag_from_mid_weld(tmp_path / f"bag{i}", order, topics, is_older))
         assert set(signals.reference_depth_mm) == {2.67} and signals.problems == []
         error = float(np.abs(signals.truth.depth_mm - 2.67).mean()) if signals.truth else 0.0
         assert kpi.compute(signals)["iae_depth_mm_s"] == pytest.approx(error * 2.0, rel=1e-6)

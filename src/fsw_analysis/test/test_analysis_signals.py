@@ -87,6 +87,20 @@ def test_duplicates_and_damaged_messages(tmp_path: Path) -> None:
     assert any("/fsw/depth" in problem and "damaged" in problem for problem in loaded.problems)
 
 
+def test_of_several_messages_with_one_stamp_the_first_counts(tmp_path: Path) -> None:
+    latest = {name: data for name, _, data in sample_messages(50)}
+    no_tick = ("/fsw/reference", "/fsw/supervisor/state", "/diagnostics")
+
+    def with_another(_: int, name: str, data: bytes) -> list[bytes]:
+        return [data] if name in no_tick else [data, data[:12] + latest[name][12:]]  # the first 12 bytes: the stamp
+
+    once = weld_table(load_weld(rewrite(tmp_path / "once", lambda _, name, data: [data])))
+    twice = weld_table(load_weld(rewrite(tmp_path / "twice", with_another)))
+    assert list(once) == list(twice)
+    for name, values in once.items():
+        np.testing.assert_array_equal(twice[name], values, name)
+
+
 def test_weld_without_truth_and_controllers(tmp_path: Path) -> None:
     sensors = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
     loaded = load_weld(rewrite(tmp_path / "bag", lambda _, name, data: [data] if name in sensors else []))

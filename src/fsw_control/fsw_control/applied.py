@@ -13,7 +13,7 @@ SILENT_PERIODS = 1.5
 #: More than a controller ever lags behind.
 _KEPT = 100
 _BEFORE_ALL_NS = -1
-#: A command further than this from the newest measurement is of another time.
+#: A command further than this from the newest measurement belongs to another time base.
 _REACH_NS = 1_000_000_000
 
 
@@ -38,17 +38,17 @@ class AppliedCommands:
     While another controller is in command, the command that answers a tick may arrive before this controller has
     seen all of the tick's samples. The one to follow is the command before that.
 
-    Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
-    that one has fallen silent.
+    Any node can write to the topic. So one writer is followed; another one (a standby that takes over) is followed only
+    after the first has fallen silent.
 
     Until the first command ``initial`` is taken as applied.
 
     Attributes
     ----------
     ignored : int
-        Commands that did not count, since start, without those sent again.
+        Commands rejected since start, not counting repetitions.
     complaint : str
-        Why the last one did not count; empty if it did, or was sent again.
+        Why the last one was rejected; empty if it was accepted or repeated.
     """
 
     def __init__(self, initial: Command, period_s: float = 0.1) -> None:
@@ -60,11 +60,11 @@ class AppliedCommands:
 
     @property
     def latest(self) -> AppliedCommand:
-        """The last command that counts."""
+        """The last accepted command."""
         return self._kept[-1]
 
     def add(self, seen: AppliedCommand, newest_ns: int | None, now_s: float) -> bool:
-        """Take a command seen at ``now_s`` on a steady clock; return whether it counts.
+        """Take a command seen at ``now_s`` on a steady clock; return whether it is accepted.
 
         ``newest_ns`` is the newest stamp of a measurement, None before the first.
         """
@@ -100,7 +100,7 @@ class AppliedCommands:
         return ""
 
     def restart(self) -> None:
-        """Time has jumped: the actual values stay, the stamps start over."""
+        """After a jump of time: keep the values in force, forget the stamps."""
         self._kept = deque([replace(self.latest, stamp_ns=_BEFORE_ALL_NS)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:

@@ -52,7 +52,7 @@ def needed_compiler() -> list[str]:
 
 
 def run_compiler(command: Sequence[str]) -> None:
-    """Compile; RuntimeError with the compiler's words if that fails."""
+    """Compile; RuntimeError with the compiler's output if that fails."""
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_BUILD_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -62,7 +62,7 @@ def run_compiler(command: Sequence[str]) -> None:
 
 
 def _processor() -> str:
-    """What identifies this processor's instruction set, empty if nothing does."""
+    """Identification of this processor's instruction set; empty if unknown."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -105,7 +105,7 @@ class CLibrary:
 
     @cached_property
     def lib(self) -> Any:
-        """The functions and constants of the loaded library, built now if need be; raises as :meth:`ensure`."""
+        """The functions and constants of the loaded library, built now if necessary; raises as :meth:`ensure`."""
         return self.ffi.dlopen(str(self.ensure()))
 
     def new(self, kind: str, **fields: Any) -> Any:
@@ -127,7 +127,7 @@ class CLibrary:
         return f"{self.package}_id".upper()
 
     def source_id(self) -> str:
-        """Digest of the sources, which a library carries to show where it is from."""
+        """Digest of the sources, stored in the library to identify them."""
         digest = hashlib.sha256()
         for path in sorted(self.folder.glob("*.[ch]")):
             digest.update(path.name.encode() + b"\0" + path.read_bytes())
@@ -150,7 +150,7 @@ class CLibrary:
         return bool(identify() == self.source_id().encode())
 
     def find(self) -> Path | None:
-        """A usable library that is built already, None if there is none."""
+        """An existing usable library, or None."""
         try:
             built = self.cache_path()
         except RuntimeError:  # there is no home folder
@@ -162,7 +162,7 @@ class CLibrary:
         return None
 
     def ensure(self) -> Path:
-        """A usable library, built now if need be.
+        """Return a usable library, built now if necessary.
 
         Raises
         ------
@@ -183,7 +183,7 @@ class CLibrary:
         Raises
         ------
         RuntimeError
-            If there is no compiler or it fails; the message has the compiler's words.
+            If there is no compiler or it fails; the message has the compiler's output.
         """
         command = needed_compiler()
         try:

@@ -1,4 +1,4 @@
-"""Whether a command may be applied: finite, inside the bounds, no jump. Refused, never repaired."""
+"""Whether a command may be applied: finite, within the bounds, no jump. A bad command is refused, never corrected."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class CommandGate:
     Attributes
     ----------
     limits : Limits
-        Bounds that a command has to keep; the change per tick is not checked.
+        Bounds on commands; the change per tick is not checked.
     max_age_s : float
         Maximum age of the measurement that an accepted command answers.
     sources : tuple of str
@@ -40,7 +40,7 @@ class CommandGate:
         self.last_stamp_ns: int | None = None
 
     def configure(self, limits: Limits, max_age_s: float, sources: Sequence[str] = ()) -> None:
-        """Check by other settings from now on, without forgetting."""
+        """Apply new settings; the counts and the last stamp stay."""
         self.limits, self.max_age_s = limits, max_age_s
         self.sources: tuple[str, ...] = tuple(sources)
 

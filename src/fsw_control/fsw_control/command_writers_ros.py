@@ -1,19 +1,23 @@
-"""Which nodes publish commands, and which sources are accepted therefore."""
+"""Which nodes publish commands, and hence which sources are accepted."""
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 
 from fsw_control.command_gate import CommandGate
-from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.contract import BUILT_IN_SOURCES, signature
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState
 
+#: supervisors that are remembered, the latest
+_SUPERVISORS = 10
+
 
 class CommandWriters:
-    """Sets the gate's sources: with a second publisher of commands about, only those that the supervisor announces.
+    """Sets the gate's sources: while there is a second publisher of commands, only those announced by the supervisor.
 
     Parameters
     ----------
@@ -33,6 +37,9 @@ class CommandWriters:
         self.names: list[str] = []
         self._node, self._gate, self._configured = node, gate, configured
         self._announced: tuple[str, ...] = ()
+        self._elected: deque[str] = deque(maxlen=_SUPERVISORS)
+        self._refused: Counter[str] = Counter()
+        self._unknown: Counter[str] = Counter()
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
     def look(self) -> None:
@@ -49,6 +56,23 @@ class CommandWriters:
         sources = tuple(self._configured())
         self._gate().sources = self._announced if not sources and len(self.names) > 1 else sources
 
+    def note_refused(self, token: str) -> None:
+        """Note that a command signed with ``token`` was refused."""
+        self._refused[signature(token)[1]] += 1
+
+    def strange(self) -> int:
+        """Commands refused since the last call that none of the supervisors has signed that lead or have led.
+
+        Of two of them the commands meet for a moment when one takes over from the other. One that has just begun to
+        lead has time until the next call to say so.
+        """
+        refused, self._refused = self._refused, Counter()
+        late, self._unknown = self._unknown, Counter({one: refused[one] for one in refused if one})
+        return refused[""] + sum(count for one, count in late.items() if one not in self._elected)
+
     def _on_supervisor(self, message: SupervisorState) -> None:
+        identity = signature(message.header.frame_id)[1]
+        if identity and identity not in self._elected:
+            self._elected.append(identity)
         self._announced = (*(record.name for record in message.controllers), *BUILT_IN_SOURCES)
         self.set_sources()

@@ -64,7 +64,7 @@ class Measurement(NamedTuple):
 
 
 class Coming(NamedTuple):
-    """Set-points that are known beforehand, and when they begin, on the clock of ``Measurement.time_s``."""
+    """Set-points known in advance, and when they begin, on the clock of ``Measurement.time_s``."""
 
     at_s: float
     depth_mm: float
@@ -215,3 +215,9 @@ class Controller(Protocol):
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied`` without a bump."""
         ...
+
+
+def signature(token: str) -> tuple[int, str]:
+    """Term and identity of the supervisor that has signed a message with ``token``; 0 and empty where none has."""
+    term, _, identity = token.partition(".")
+    return (int(term), identity) if term.isdecimal() and len(term) < 10 else (0, "")

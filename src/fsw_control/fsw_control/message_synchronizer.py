@@ -15,6 +15,11 @@ class JoinRules(NamedTuple):
     Of several samples of one sensor with one stamp the first counts. A tick is complete when it has a sample of every
     sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
 
+    What begins and ends a tick differs with its use: a controller gets it once it is complete (`MessageSynchronizer`);
+    the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
+    operator's page draws one for each sample of the drives (`fsw_hmi.weld_view`); in a bag all stamps are known
+    (`fsw_analysis.signals`).
+
     Attributes
     ----------
     jump_ns : int
@@ -124,8 +129,8 @@ class MessageSynchronizer:
     needs to know what was applied). The wait ends early when all sensors that it lacks have sent newer samples (a topic
     keeps its order), when the tick after the next begins, or by :meth:`expire`.
 
-    The drives' sample rides along: it neither begins nor confirms a tick, and a tick goes without it. Only where time
-    waits for the controllers anyway (``await_drives``) does a tick wait for it, as long as it came with the last one.
+    The drives' sample is optional: it neither begins nor confirms a tick, and a tick does not wait for it. Only in
+    lockstep (``await_drives``) does a tick wait for it, provided that the previous tick had one.
 
     Attributes
     ----------
@@ -134,7 +139,7 @@ class MessageSynchronizer:
     counts : dict of str to dict of str to int
         By sensor, its samples ``late``, ``duplicate`` and ``missing`` since start.
     missed : frozenset of str
-        Sensors (and ``drives``, ``command``) that the last tick had to do without.
+        Sensors (and ``drives``, ``command``) that were missing in the last tick.
     """
 
     def __init__(self, await_drives: bool = False) -> None:
@@ -253,7 +258,7 @@ class MessageSynchronizer:
         if not self._answered():
             missed.append("command")
             self._unanswered += 1
-            # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
+            # No commands arrive (a bag is replayed, or the arbiter has ended): do not wait at every tick.
             self._awaits_command = self._unanswered < RULES.unanswered
         tick.drives = self._drives.pop(tick.stamp_ns, None)
         self._drives_come = tick.drives is not None

@@ -109,20 +109,15 @@ def reference_plan_message(planned: Sequence[tuple[int, Reference]], time_ns: in
     )
 
 
-def reference_message(value: Reference, time_ns: int, issued_ns: int | None = None) -> WeldReference:
-    """Reference message that holds from ``time_ns``; ``issued_ns`` only where a node repeats another one's."""
-    message = WeldReference(
-        header=header(time_ns), depth=units.m_from_mm(value.depth_mm), temperature=float(value.temperature_c)
+def reference_message(value: Reference, time_ns: int, issued_ns: int = 0, mark: str = "") -> WeldReference:
+    """Reference message that holds from ``time_ns``; ``issued_ns`` where a node reports those in force."""
+    return WeldReference(
+        header=header(time_ns),
+        depth=units.m_from_mm(value.depth_mm),
+        temperature=float(value.temperature_c),
+        issued=stamp_from_ns(issued_ns),
+        mark=mark,
     )
-    if issued_ns is not None:
-        message.header.frame_id = str(issued_ns)
-    return message
-
-
-def issued_ns(message: WeldReference) -> int:
-    """When the reference that a message repeats was issued; 0: unknown."""
-    text = message.header.frame_id
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 
 
 def command(message: WeldCommand | DriveFeedback) -> Command:

@@ -16,7 +16,7 @@ from rclpy.utilities import remove_ros_args
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 
-#: A Ctrl-C later than this after the first one is meant as a second.
+#: A Ctrl-C later than this after the first one counts as a second.
 _PATIENCE_S = 1.0
 
 
@@ -66,7 +66,7 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, argument
     args : sequence of str, optional
         Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted.
     arguments : NodeArguments, optional
-        What they may be: for ``--help``, and to refuse parameters that the node does not have.
+        The accepted ones: for ``--help``, and to refuse parameters that the node does not have.
 
     Returns
     -------

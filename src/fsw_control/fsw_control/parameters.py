@@ -45,7 +45,7 @@ class ParameterError(ValueError):
 class ParameterSpec:
     """One parameter: its name on the node (dots group, e.g. ``depth.gain``) and its entry of the file.
 
-    ``range`` bounds a number, or each entry of an array; bounds included. ``options`` empty: any string will do.
+    ``range`` bounds a number, or each entry of an array; bounds included. ``options`` empty: any string is accepted.
     ``read_only``: can be set at start only.
     """
 

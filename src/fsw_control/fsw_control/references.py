@@ -16,7 +16,7 @@ OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 AHEAD_REAL_NS = 600 * NANOSECONDS
 #: a publication time is accepted when it is no further from the receiver's clock
 OWN_CLOCK_NS = 5 * NANOSECONDS
-#: most coming set-points that a controller is given
+#: largest number of future set-points passed to a controller
 MOST_COMING = 8
 #: longest tread of a stair by which a ramp or sine is announced
 STAIR_S = 1.05
@@ -86,6 +86,11 @@ class ReferenceQueue:
         """Whether any reference is known."""
         return self._current is not None or bool(self._waiting)
 
+    @property
+    def coming(self) -> bool:
+        """Whether references are known that do not hold yet."""
+        return bool(self._waiting)
+
     def join(self, now_ns: int) -> None:
         """Note that the receiver begins to listen, on its computer's clock."""
         self._joined_ns = now_ns
@@ -103,7 +108,7 @@ class ReferenceQueue:
             Kept with it.
         """
         if self._joined_ns is None or now_ns < self._joined_ns:
-            # The first one begins it all; where the receiver's own clock has gone back, it has listened for long.
+            # The first message begins the listening; if the receiver's clock has gone back, it has listened for long.
             self._joined_ns = now_ns if self._joined_ns is None else now_ns - OWN_CLOCK_NS - 1
         joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
         if ahead_ns > OWN_CLOCK_NS:
@@ -117,7 +122,7 @@ class ReferenceQueue:
         if not self._is_void(stamp_ns, reference, published_ns):
             self.add(stamp_ns, reference, published_ns, mark)
             return True
-        # What is repeated to one that has just begun is no news, but it may come from a clock that is slow.
+        # A repetition to a receiver that has just started is normal, but it may come from a clock that is slow.
         if ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS:
             why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
             self._reject(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
@@ -176,10 +181,10 @@ class ReferenceQueue:
 
 
 class ReferencePlan:
-    """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference.
+    """Set-points known in advance: in order, the time in ns from which each will hold, and the reference.
 
-    A plan counts only as long as it comes true: while the set-points in force are not those that it has for the
-    present, because an operator has set others or the plan is of another weld, there are no coming ones.
+    A plan is used only while it agrees with the set-points in force. If an operator has set others, or the plan belongs
+    to another weld, there are no future ones.
     """
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:

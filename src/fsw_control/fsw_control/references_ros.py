@@ -22,13 +22,16 @@ from fsw_control.ranges import set_point_problem
 from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
 from fsw_control.reports_ros import OK, WARN, Report
 from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
 
 #: an accepted set-point is in force within this time, or the answer says that it is not
 _ANSWER_S = 2.0
-#: a ramp begins so much after the last tick, so that none of it comes late
+#: a ramp begins this long after the last tick, so that no part of it is late
 _LEAD_NS = 500_000_000
+#: later times of issue would leave no place in the order that a message can hold
+_LAST_NS = (2**31 - 1) * NANOSECONDS
 
 
 def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None) -> ReferenceQueue:
@@ -54,9 +57,9 @@ def subscribe_sent(node: Node, queue: ReferenceQueue, received: Callable[[str], 
         reference = _converted(queue, message)
         if reference is None:
             return
-        stamp_ns, mark = convert.stamp_ns(message.header.stamp), message.header.frame_id
-        queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
-        received(mark)
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), message.mark)
+        received(message.mark)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
 
@@ -68,19 +71,22 @@ def subscribe_references(node: Node, queue: ReferenceQueue) -> None:
 
 
 def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
-    """Subscribe to what another listener states with a :class:`StatedReference`."""
+    """Subscribe to the set-points in force that another node reports by a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
-        reference = _converted(queue, message)
+        reference, issued_ns = _converted(queue, message), convert.stamp_ns(message.issued)
         if reference is None:
             return
-        queue.add(convert.stamp_ns(message.header.stamp), reference, convert.issued_ns(message))
+        if issued_ns >= _LAST_NS:
+            queue.refuse(f"set-points on {topic} refused: the time of issue {issued_ns} ns is out of range")
+            return
+        queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
     node.create_subscription(WeldReference, topic, on_stated, LATEST)
 
 
 class StatedReference:
-    """States, latched, which set-points hold, for nodes that join when the sender has left.
+    """Publishes the set-points in force, latched, for nodes that join after the sender has left.
 
     Its ``topic`` has no other writer.
     """
@@ -92,14 +98,14 @@ class StatedReference:
         self._tick_ns = -1
 
     def update(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
-        """State what holds at a tick (None: nothing yet) and when it was issued, if it is new or time went back."""
+        """Publish the set-points in force at a tick (None: none yet) if they are new or time went back."""
         went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
         if reference is not None and (went_back or (reference, issued_ns) != self._stated):
             self._stated = (reference, issued_ns)
             self._publisher.publish(convert.reference_message(reference, tick_ns, issued_ns))
 
     def close(self) -> None:
-        """Withdraw the statement."""
+        """Remove the publisher."""
         self._node.destroy_publisher(self._publisher)
 
 
@@ -115,14 +121,14 @@ class _Asked:
 
 
 class KeptReference:
-    """Hears set-points and, while leading, takes requests for new ones and states what holds at present.
+    """Receives set-points and, while leading, serves requests for new ones and publishes those in force.
 
     The service ``fsw/set_reference`` checks a request and sends its set-points on ``fsw/reference``; it answers when
-    they are in force by the rule of :class:`ReferenceQueue`, or have not come to be.
+    they are in force by the rule of :class:`ReferenceQueue`, or cannot be.
 
-    An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
-    them. So what holds is stated on ``fsw/supervisor/reference``, a topic with one writer, the leading supervisor.
-    A supervisor that was away learns from the controllers.
+    An operator's command line ends as soon as it has sent its set-points, and the middleware forgets them. So those in
+    force are published on ``fsw/supervisor/reference``, whose only writer is the leading supervisor. A restarted
+    supervisor receives them from the controllers.
     """
 
     def __init__(self, node: Node) -> None:
@@ -130,7 +136,7 @@ class KeptReference:
         self._queue = reference_queue(node, self._on_refused)
         self._statement: StatedReference | None = None
         self._service: Service | None = None
-        self._group = ReentrantCallbackGroup()  # an answer that is waited for holds up no topic
+        self._group = ReentrantCallbackGroup()  # so that a pending answer does not block the topics
         self._publishers: tuple[Publisher, Publisher] | None = None
         self._controllers: list[str] = []
         self._asked: list[_Asked] = []
@@ -142,12 +148,12 @@ class KeptReference:
         _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
 
     def listen_to(self, controller: str) -> None:
-        """Listen to which set-points a controller follows."""
+        """Subscribe to the set-points that a controller follows."""
         self._controllers.append(controller)
         _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference")
 
     def open(self) -> None:
-        """Lead: take requests at once, and state from the next tick on."""
+        """Lead: serve requests from now on, and publish from the next tick on."""
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
             self._service = self._node.create_service(
@@ -155,7 +161,7 @@ class KeptReference:
             )
 
     def close(self) -> None:
-        """Stop stating, and take no more requests."""
+        """Stop publishing and serving requests."""
         if self._statement is not None:
             self._statement.close()
             self._node.destroy_service(self._service)
@@ -165,7 +171,7 @@ class KeptReference:
         self._publishers = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """State what holds at a tick if it has changed; may be called several times per tick."""
+        """Publish the set-points in force if they have changed; may be called several times per tick."""
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
@@ -256,9 +262,7 @@ class KeptReference:
             plan = ramp_plan(start, goal, begin_ns)
         plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
         for stamp_ns, one in points:
-            message = convert.reference_message(one, stamp_ns)
-            message.header.frame_id = mark
-            sent.publish(message)
+            sent.publish(convert.reference_message(one, stamp_ns, mark=mark))
         words = f"set-points {goal.depth_mm:.4g} mm, {goal.temperature_c:.5g} degC"
         return words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
 

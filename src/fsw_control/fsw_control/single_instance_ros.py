@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from fsw_msgs.msg import ShoulderDepth
 
-#: What the diagnostics of a plant say while it looks.
+#: text of a plant's diagnostics during the search
 STARTING = "looking for another plant"
 #: A running plant reports once a second; a publisher that is silent for longer was left behind by a killed process.
 LIVENESS_S = 2.5
@@ -40,7 +40,7 @@ class SingleInstanceGuard:
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
         """Search for ``discovery_s`` and listen to publishers found; returns when the domain is free.
 
-        ``announce`` publishes this plant's diagnostics, so that another one that starts now detects it.
+        ``announce`` publishes this plant's diagnostics, so that one that starts at the same time detects it.
 
         Raises
         ------

@@ -30,7 +30,7 @@ _MEMORY = 150
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """What one sensor may show, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
+    """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
     row agree with each other. As many are needed to become valid again.
@@ -105,7 +105,7 @@ class Frozen:
             self._run += 1
             return self._is_frozen(samples)
         # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
-        # a freeze must not teach that standing still is normal.
+        # a freeze must not count as a normal standstill.
         if self._run:
             if not self._is_frozen(samples):
                 for _ in range(min(self._run, _MEMORY)):
@@ -206,7 +206,7 @@ class SensorGuard:
         self._sensors = {name: SensorValidity(self._limits[name]) for name in SENSORS}
 
     def configure(self, limits: dict[str, SensorLimits]) -> None:
-        """Judge by other limits from now on, without forgetting."""
+        """Use other limits from now on; the history stays."""
         self._limits = limits
         for name, sensor in self._sensors.items():
             sensor.limits = limits[name]

@@ -9,7 +9,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references_ros import KeptReference, StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import OK, WARN
-from fsw_control.topics_ros import LATCHED
+from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldReference
 from fsw_msgs.srv import SetReference
 from fsw_test_support.ros_graph import Spinner
@@ -78,6 +78,22 @@ def graph():
     one = Graph()
     yield one
     one.end()
+
+
+def test_a_place_in_the_order_after_which_no_message_has_one_is_refused(graph):
+    graph.start_controller()
+    assert graph.ask(2.7, 820.0).ok
+    refused = []
+    graph.follows.refuse = refused.append
+    stated = convert.reference_message(Reference(2.9, 830.0), 0)
+    stated.issued.sec, stated.issued.nanosec = 2**31 - 1, 2**32 - 1
+    other = graph.nodes[2].create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
+    graph.until(lambda: other.get_subscription_count() == 2)
+    other.publish(stated)
+    graph.until(lambda: refused)
+    assert "out of range" in refused[0]
+    assert graph.ask(2.8).ok
+    assert graph.follows.at(graph.ticks * STEP_NS) == Reference(2.8, 820.0)
 
 
 @pytest.mark.requirement("S28")

@@ -12,7 +12,6 @@ from typing import Any
 from fsw_control.c_library import CLibrary
 from fsw_decentral import DecentralController
 from fsw_decentral.library import KERNEL as DECENTRAL
-from fsw_export.errors import ExportError
 from fsw_export.signals import DECENTRAL_INPUTS, DECENTRAL_OUTPUTS, NMPC_INPUTS, NMPC_OUTPUTS, Signal
 from fsw_export.templates import render
 from fsw_nmpc import NmpcController
@@ -91,13 +90,7 @@ class ControllerSources:
 
 
 def sources_of(controller: NmpcController | DecentralController) -> ControllerSources:
-    """Sources of a controller with its model and tuning.
-
-    Raises
-    ------
-    ExportError
-        If it is not solved by the library alone.
-    """
+    """Sources of a controller with its model and tuning."""
     if isinstance(controller, DecentralController):
         return ControllerSources(
             name="decentral",
@@ -109,8 +102,6 @@ def sources_of(controller: NmpcController | DecentralController) -> ControllerSo
             inputs=DECENTRAL_INPUTS,
             outputs=DECENTRAL_OUTPUTS,
         )
-    if controller.solver is not None:
-        raise ExportError("solver must be rti, the library's own")
     tables = Tables(controller.settings.model, controller.library.horizon)
     return ControllerSources(
         name="nmpc",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -20,23 +21,30 @@ from fsw_schema.yaml_text import load_yaml
 NO_REPORT_S = 3.5
 #: time without samples of one sensor
 _NO_SAMPLE_S = 0.5
+#: what is said of a sensor whose fault is over, until its value is trusted again
+_AFTERWARDS = ("recovering",)
 #: how far a value must come back inside its limits, chosen: a fifth of a deviation, 2 degC of the process window
 _BACK, _BACK_C = 0.2, 2.0
 #: a plant reports its watchdog once a second, so later than commands come again
 _WATCHDOG_S = 1.5
 #: nodes whose silence other alarms tell, by alarm
 _TOLD = {"measurements": ("fsw_plant", "fsw_machine"), "supervisor": ("fsw_supervisor",)}
+#: parts by which supervisor and plant or gateway tell of commands that are no supervisor's
+_WRITERS = ("command topic", "commands")
 #: parts, behind the name of their node, that other rules cover
-_OTHER_RULES = ("controller", "process", "arbiter", "watchdog")
+_OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 #: parts of a gateway that say whether commands reach the machine
 _GATEWAY = ("connection", "machine", "writes")
 _LONGEST_ID = 100
+#: in a reason: that a supervisor has led since in another's place, which is not the cause
+_TAKEOVER = re.compile(r"^took over[^(]*\((.*)\)$")
 
 
 class _Texts(BaseModel):
     """Content of ``alarms.yaml``."""
 
     kinds: dict[str, Alarm]
+    sensors: dict[str, str]
     interlocks: dict[str, tuple[str, str]]
     deviations: dict[str, tuple[str, str, str, str, str]]
 
@@ -61,10 +69,14 @@ def alarm_id(kind: str, name: str) -> str:
 
 def because(reason: str, name: str = "") -> str:
     """A reason without what the text before it says already."""
-    said = [f"{name} is inhibited", f"{name} is not ready", f"{name} is not usable", f"controller {name}", name]
+    said = [
+        *(f"{name} {what}" for what in ("is inhibited", "is not ready", "is not usable", "failed")),
+        f"controller {name}",
+        name,
+    ]
     while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
         reason = reason.removeprefix(found).lstrip(": ")
-    reason = reason.removeprefix("safe stop: ")
+    reason = _TAKEOVER.sub(r"\1", reason.removeprefix("safe stop: "))
     return reason if reason not in ("", "is inhibited", "is not ready", "safe stop") else "no reason is told"
 
 
@@ -130,6 +142,8 @@ class AlarmRules:
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._stop: Alarm | None = None
+        self._failed = "", ""
+        self._faults: dict[str, str] = {}
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -187,9 +201,14 @@ class AlarmRules:
         for name in SENSORS:
             why = now.sensor_reasons.get(name, "good")
             if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and why == "good":
-                why = "no samples"
-            if why != "good":
-                found[f"sensor:{name}"] = alarm("sensor", name=name, why=why)
+                why = "missing"
+            fault = why.removesuffix(", held")
+            if fault == "good":
+                self._faults.pop(name, None)
+                continue
+            if fault not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
+                self._faults[name] = _TEXTS.sensors.get(fault, fault)
+            found[f"sensor:{name}"] = alarm("sensor", name=name, why=self._faults[name])
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
@@ -230,8 +249,12 @@ class AlarmRules:
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            found["failover"] = alarm("failover", actual=actual, target=target, why=because(why, target))
+            if self._failed[0] != target:  # why it was left, not what has happened since
+                self._failed = target, because(why, target)
+            found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
             return str(target)
+        if mode != "hold":
+            self._failed = "", ""
         return None
 
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
@@ -282,9 +305,9 @@ class AlarmRules:
                 if node not in told:
                     found[alarm_id("node", node)] = alarm("node_silent", node=node)
                 continue
-            if parts.get("command topic", _FINE).level == "error":
+            if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
-            covered = (*_OTHER_RULES, "command topic", *(_GATEWAY if "machine" in parts else ()))
+            covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)
             ]

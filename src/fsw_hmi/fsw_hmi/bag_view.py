@@ -16,7 +16,7 @@ from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.units import KW_PER_NM_RPM
-from fsw_hmi.frames import COLUMNS, short
+from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
 from fsw_recorder.errors import BagError
 
@@ -123,7 +123,7 @@ def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
         problems.append(str(error))
         return []
     return [
-        {"name": name, "unit": unit, "value": short(values[key] * factor)}
+        {"name": readable(name), "unit": readable(unit), "value": short(values[key] * factor)}
         for key, (name, unit, factor) in kpi_table.ROWS.items()
         if values.get(key) is not None
     ]

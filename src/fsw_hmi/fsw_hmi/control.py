@@ -46,6 +46,10 @@ class Session:
         Whether nobody has touched the page for so long that only a safe stop is left.
     checking : bool
         Whether its password is being checked.
+    active_s : float
+        When somebody who has logged in has last asked for something.
+    touched_s : float or None
+        When anybody has; None: never.
     note : str
         What happened to its control, for its page.
     """
@@ -58,6 +62,7 @@ class Session:
     idle: bool = False
     checking: bool = False
     active_s: float = 0.0
+    touched_s: float | None = None
     note: str = ""
     offences: int = 0
     requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))

@@ -6,10 +6,11 @@ import hmac
 import json
 import secrets
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from fsw_hmi import security, tokens
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
+from fsw_hmi.frames import readable
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 from fsw_schema.models import InputError
@@ -17,6 +18,8 @@ from fsw_schema.models import InputError
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
 _MAX_ID = 2**53
+#: for the record: control is no longer somebody's who has not given it away
+LOST = "lose control"
 _CONTROL = {
     "take_control": "take control",
     "release_control": "release control",
@@ -58,6 +61,15 @@ class Verdict:
     credentials: tuple[str, str] | None = None
 
 
+class Record(NamedTuple):
+    """Something for the record that nobody has asked for, or that was refused."""
+
+    who: str
+    what: str
+    outcome: str
+    message: str
+
+
 @dataclass(frozen=True, slots=True)
 class Rules:
     """How long what may last.
@@ -96,7 +108,9 @@ class ControlRoom:
         self._sessions: dict[str, Session] = {}
         self._control = Control(self._rules.handover_timeout_s)
         self._wrong = tokens.WrongLogins()
-        self._takeable = False
+        self._takeable = self._changed = False
+        self._records: list[Record] = []
+        self.ended = ""  #: why nobody has control any longer, until somebody takes it
 
     @property
     def login(self) -> str:
@@ -114,26 +128,48 @@ class ControlRoom:
         self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
-    def leave(self, session: Session) -> bool:
+    def leave(self, session: Session, why: str = "the page was closed") -> bool:
         """A page was closed; returns whether control, or the request for it, has become free with it."""
         self._sessions.pop(session.id, None)
-        return self._control.release(session)
+        return self._free(session, why)
 
-    def tick(self, now_s: float) -> tuple[bool, list[tuple[str, str, str]]]:
-        """Let time pass: whether control has changed, and what is to be recorded: who, what, and why."""
-        changed, records = self._control.lapse(now_s), []
+    def tick(self, now_s: float) -> tuple[bool, list[Record]]:
+        """Let time pass: whether control has changed, and what is to be recorded."""
+        self._look_at_users()
         limit_s = self._rules.idle_timeout_s
         for session in self._sessions.values():
             if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
-                session.idle = changed = True
-                why = f"nobody has touched the page for {limit_s / 60.0:g} min"
-                session.note = f"{why}: log in again to command"
-                if self.holder is session:
-                    records.append((session.who, "give control back", why))
-                self._control.release(session)
+                self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")
+        changed, self._changed = self._control.lapse(now_s) or self._changed, False
         takeable = self._control.asker is not None and not self._control.left_s(now_s)
         changed, self._takeable = changed or takeable != self._takeable, takeable
+        records, self._records = self._records, []
         return changed, records
+
+    def restart(self, holder: str) -> None:
+        """The server was killed while somebody had control; tell and record it."""
+        why = "the page's server was started again"
+        self.ended = f"{holder} has lost control: {why}"
+        self._records.append(Record(holder, LOST, DONE, why))
+
+    def _look_at_users(self) -> None:
+        """Whoever is no longer the user who has logged in, has to log in again for all but a safe stop."""
+        changed = self._users.look() if self._users else ()
+        for session in self._sessions.values():
+            if session.authenticated and session.name.casefold() in changed:
+                self._shut(session, f"the user {session.name} has been changed or removed")
+
+    def _shut(self, session: Session, why: str) -> None:
+        """Listen to nothing but a safe stop until somebody logs in again."""
+        session.idle, session.note, self._changed = True, f"{why}: log in again to command", True
+        self._free(session, why)
+
+    def _free(self, session: Session, why: str) -> bool:
+        """Take from a session what it has of control; returns whether it had any."""
+        if self.holder is session:
+            self.ended = f"{session.name} has lost control: {why}"
+            self._records.append(Record(session.who, LOST, DONE, why))
+        return self._control.release(session)
 
     @property
     def holder(self) -> Session | None:
@@ -152,7 +188,7 @@ class ControlRoom:
             "authenticated": session.authenticated,
             "role": session.role,
             "may_stop": session.may_stop,
-            "note": session.note,
+            "note": session.note or ("" if holder else self.ended),
         }
 
     # ---------------------------------------------------------------- requests
@@ -173,8 +209,9 @@ class ControlRoom:
         if do == "login":
             return self._login(session, number, message, now_s)
         if not session.authenticated:
+            session.touched_s = now_s
             return Verdict(number, REFUSED, "log in again" if session.idle else "log in first")
-        session.active_s = now_s
+        session.active_s = session.touched_s = now_s
         if do == "active":
             return Verdict(number, DONE)
         if do in _CONTROL:
@@ -189,6 +226,7 @@ class ControlRoom:
 
     def _login(self, session: Session, number: int, message: dict[str, Any], now_s: float) -> Verdict:
         name, given = message.get("name"), message.get(self.login)
+        self._look_at_users()
         try:
             name = checked_name(name.strip() if isinstance(name, str) else "")
         except ValueError as error:
@@ -196,7 +234,7 @@ class ControlRoom:
         given = given if isinstance(given, str) else ""
         if self._users is None:
             if not hmac.compare_digest(_bytes(given), self._token):
-                return self._wrong_login(session, number, given, now_s)
+                return self._wrong_login(session, number, "", given, now_s)
             others = [one.name for one in self._sessions.values() if one is not session]
             if any(one.casefold() == name.casefold() and one != name for one in others):
                 return Verdict(number, REFUSED, "name: somebody is here whose name differs only in case; take another")
@@ -225,7 +263,7 @@ class ControlRoom:
         """Judge a login whose password has been checked; ``user`` is whose it is."""
         session.checking = False
         if user is None:
-            return self._wrong_login(session, number, "\0".join(credentials), now_s)
+            return self._wrong_login(session, number, credentials[0], "\0".join(credentials), now_s)
         return self._logged_in(session, number, user.name, user.role, now_s)
 
     def on_busy(self, session: Session, number: int) -> Verdict:
@@ -233,17 +271,23 @@ class ControlRoom:
         session.checking = False
         return Verdict(number, TIMED_OUT, "your password cannot be checked now: try again in some seconds")
 
-    def _wrong_login(self, session: Session, number: int, given: str, now_s: float) -> Verdict:
+    def _wrong_login(self, session: Session, number: int, name: str, given: str, now_s: float) -> Verdict:
+        known = self._wrong.knows(session.client, _bytes(given), now_s)
         wait_s = self._wrong.add(session.client, _bytes(given), now_s)
         what = "wrong token" if self._users is None else "wrong name or password"
+        if not wait_s and not known:  # what was typed in as a name may be a password
+            who = self._users.name(name) if self._users else ""
+            words = f"{what}, from {session.client or 'an unknown address'}"
+            self._records.append(Record(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
         too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
         return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
 
     def _logged_in(self, session: Session, number: int, name: str, role: str, now_s: float) -> Verdict:
         if (session.name, session.role) != (name, role):
-            self._control.release(session)  # what one person has, another does not get by a login
-        session.name, session.role, session.idle, session.active_s, session.note = name, role, False, now_s, ""
-        return Verdict(number, DONE, f"logged in as {name}, role {role}", control=True)
+            self._free(session, f"{name} has logged in there")  # what one person has, another does not get by a login
+        session.name, session.role, session.idle, session.note = name, role, False, ""
+        session.active_s = session.touched_s = now_s
+        return Verdict(number, DONE, f"logged in as {name}, role {role}", asked="log in", control=True)
 
     # ---------------------------------------------------------------- control and commands
 
@@ -253,6 +297,8 @@ class ControlRoom:
         if do == "take_control" and self.holder is session:
             return Verdict(number, DONE, "you have control already")
         outcome, text = self._ask_control(session, do, message, now_s)
+        if outcome == DONE:
+            self.ended = ""
         return Verdict(number, outcome, text, asked=_CONTROL[do], control=outcome == DONE)
 
     def _ask_control(self, session: Session, do: str, message: dict[str, Any], now_s: float) -> Answer:
@@ -278,7 +324,7 @@ class ControlRoom:
         try:
             action = read(do, message)
         except InputError as error:
-            return Verdict(number, REFUSED, str(error)[:200], asked=do if known else "unknown request")
+            return Verdict(number, REFUSED, readable(str(error)), asked=do if known else "unknown request")
         if self.holder is not session:
             return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
         return Verdict(number, action=action, asked=str(action))

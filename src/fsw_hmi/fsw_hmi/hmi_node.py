@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from functools import partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,14 @@ from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Rules
-from fsw_hmi.frames import frame, readable, row
+from fsw_hmi.frames import COLUMNS, frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits, safe_state
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.refusals import Known, why_not
 from fsw_hmi.reports_ros import NO_STATE
-from fsw_hmi.requests import Acknowledge, SetReference, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
 from fsw_hmi.web_server import address, application, is_local, listen
@@ -65,7 +68,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         super().__init__("fsw_hmi", **arguments)
         self._settings = declare(self, "fsw_hmi", "hmi.yaml")
         values = self._settings.values
-        key, told = _key(values["users_file"], values["token_file"])
+        key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
         encrypted = tls.context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
@@ -81,11 +84,12 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
+        self._room = ControlRoom(
+            key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
+        )
         self._page = LivePage(
             files,
-            ControlRoom(
-                key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
-            ),
+            self._room,
             self._deliver,
             request_timeout_s=values["request_timeout_s"],
             patience_s=values["patience_s"],
@@ -124,17 +128,24 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
             self._done.extend(kept.actions)
             self._page.restore(rows, kept.actions)
+            self._room.ended = kept.ended
+            if kept.holder:
+                self._room.restart(kept.holder)
         if rows:
             self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
         self._show_alarms()
 
     def _keep(self) -> None:
-        self._keeper.keep(Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done)))
+        holder, ended = self._room.holder, self._room.ended
+        state = Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done))
+        state.holder, state.ended = (holder.who, "") if holder else ("", ended)
+        self._keeper.keep(state)
 
     def destroy_node(self) -> None:
         """Close the pages, then end."""
         if hasattr(self, "_web"):
             self._web.stop()
+            self._on_orders()  # who has lost control by it
             self._keep()
         super().destroy_node()
 
@@ -191,7 +202,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             "commands": True,
             "emulator": self._emulator,
             "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
-            "reference": REFERENCE,
+            "reference": reference(self._interlocks),
             "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
@@ -260,23 +271,24 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._show_alarms()
             self._flush()
             answer(DONE if ok else REFUSED, words)
-        elif isinstance(action, SetReference) and (why := self._why_not(action)):
+        elif why := why_not(action, self._known()):
             answer(REFUSED, why)
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _why_not(self, action: SetReference) -> str:
-        """Why set-points are not even asked for; empty when they are."""
-        if self._programme_runs():
-            return "the programme of the weld runs and would override it: hold the programme first"
-        wanted = {"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}
-        return beyond_trip(wanted, self._interlocks)
-
-    def _programme_runs(self) -> bool:
-        watch = self._watch
-        progress = watch.progress
-        running = progress is not None and progress["state"] == "running" and not progress["left"]
-        return running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S
+    def _known(self) -> Known:
+        """What a request is compared with before it is sent."""
+        watch, now_s = self._watch, time.monotonic()
+        measured = watch.row is not None and now_s - (watch.view.tick_s or 0.0) <= NO_REPORT_S
+        values = dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row and measured else {}
+        stays = values and not watch.references.coming
+        return Known(
+            watch.state if now_s - watch.state_s <= NO_REPORT_S else None,
+            watch.progress if now_s - watch.progress_s <= _PROGRAMME_SILENT_S else None,
+            values["reference_depth_mm"] if stays else nan,
+            values["reference_temperature_c"] if stays else nan,
+            self._interlocks,
+        )
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
         message = readable(message)
@@ -297,7 +309,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         )
 
 
-def _key(users_file: str, token_file: str) -> tuple[str | users.Users, bool]:
+def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tuple[str | users.Users, bool]:
     """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
     if users_file and token_file:
         raise ValueError("users_file, token_file: give one of them")
@@ -305,7 +317,4 @@ def _key(users_file: str, token_file: str) -> tuple[str | users.Users, bool]:
         return tokens.read(Path(token_file).expanduser()), False
     if not users_file:
         return tokens.new(), True
-    listed = users.read(Path(users_file).expanduser())
-    if not listed:
-        raise ValueError(f"users_file: {users_file} has no user: add one with 'fsw.py hmi user add'")
-    return users.Users(listed), False
+    return users.UsersFile(Path(users_file).expanduser(), warn), False

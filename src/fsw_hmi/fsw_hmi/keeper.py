@@ -21,12 +21,17 @@ _OLD_S = 600.0
 
 @dataclass(slots=True)
 class Kept:
-    """State of the page; ``now_s`` and ``wall_s`` are the steady and the wall clock when it was kept."""
+    """State of the page; ``now_s`` and ``wall_s`` are the steady and the wall clock when it was kept.
+
+    ``holder`` had control then; ``ended`` is why somebody has lost it.
+    """
 
     now_s: float
     wall_s: float
     alarms: dict[str, Entry] = field(default_factory=dict)
     actions: list[dict[str, str | float]] = field(default_factory=list)
+    holder: str = ""
+    ended: str = ""
 
 
 _KEPT: TypeAdapter[Kept] = TypeAdapter(Kept)

@@ -14,6 +14,7 @@ from fsw_control.ranges import (
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
+from fsw_hmi.frames import readable
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
     DISTURBANCE_SHAPES,
@@ -49,6 +50,8 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "torque_nm": (_TORQUE_NM, {}, "", "torque_high"),
     "power_kw": (_POWER_KW, {}, "", "power_high"),
 }
+#: smallest steps in which set-points are typed in, chosen
+_STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
 #: the supervisor's parameters that are looked at
 PARAMETERS = (
     *(
@@ -114,17 +117,30 @@ def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) 
             trip = parameters.get(f"interlocks.{name}.trip")
             if trip is not None and sign * (value - trip) >= 0.0:
                 what, _, unit = quantity.rpartition("_")
-                unit, side = {"c": "degC"}.get(unit, unit), "below" if sign < 0.0 else "above"
+                unit, side = {"c": "°C"}.get(unit, unit), "below" if sign < 0.0 else "above"
                 return f"{what} {value:g} {unit} would trip the interlock: not {side} {trip:g} {unit}, nor at it"
     return ""
 
 
+def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """What set-points may be asked for, as far as the trips are known; ``parameters`` as for :func:`limits`."""
+    found: dict[str, Any] = dict(REFERENCE)
+    for quantity, step in _STEPS.items():
+        low, high = REFERENCE[quantity]
+        under, over = (parameters.get(f"interlocks.{name}.trip") for name in _QUANTITIES[quantity][2:])
+        found[quantity] = [
+            low if under is None else max(low, round(under + step, 6)),
+            high if over is None else min(high, round(over - step, 6)),
+        ]
+    return found
+
+
 def _range(allowed: Range) -> dict[str, Any]:
-    return {"unit": allowed.unit, "min": allowed.low, "max": allowed.high}
+    return {"unit": readable(allowed.unit), "min": allowed.low, "max": allowed.high}
 
 
 #: what set-points may be asked for
-REFERENCE = {
+REFERENCE: dict[str, Any] = {
     "depth_mm": [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high],
     "temperature_c": [REFERENCE_TEMPERATURE_C.low, REFERENCE_TEMPERATURE_C.high],
     "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,

@@ -54,7 +54,7 @@ class SetReference(Action):
     ramp: bool = False
 
     def __str__(self) -> str:
-        return f"set-points {self.depth_mm:g} mm, {self.temperature_c:g} degC{', ramp' if self.ramp else ''}"
+        return f"set-points {self.depth_mm:g} mm, {self.temperature_c:g} °C{', ramp' if self.ramp else ''}"
 
 
 class Switch(Action):

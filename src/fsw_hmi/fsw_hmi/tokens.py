@@ -31,6 +31,10 @@ class WrongLogins:
         recent = self._recent(client, now_s)
         return _WINDOW_S - now_s + min(recent.values()) if len(recent) >= _MOST_WRONG else 0.0
 
+    def knows(self, client: str, token: bytes, now_s: float) -> bool:
+        """Whether a client has given this wrong one lately."""
+        return hashlib.sha256(token).digest() in self._recent(client, now_s)
+
     def add(self, client: str, token: bytes, now_s: float) -> float:
         """Take note of a wrong one; returns for how long the client is shut out already [s], 0 when it is not."""
         left_s = self.left_s(client, now_s)

@@ -10,7 +10,7 @@ import re
 import secrets
 import tempfile
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -59,12 +59,21 @@ class User(Model):
 
 
 class Users:
-    """All users. A password that was right once is known again without hashing, as long as this object lives."""
+    """All users. A password that was right once is known again without hashing, as long as it is not changed."""
 
     def __init__(self, users: Iterable[User]) -> None:
-        self._users = {user.name.casefold(): user for user in users}
+        self._users = _by_name(users)
         self._key = secrets.token_bytes(32)
         self._known: dict[str, bytes] = {}
+
+    def look(self) -> Set[str]:
+        """Find out whether users have been changed; returns the names of those that have, or are gone."""
+        return frozenset()
+
+    def name(self, name: str) -> str:
+        """How the file spells a user's name; empty if there is no such user."""
+        user = self._users.get(name.casefold())
+        return user.name if user else ""
 
     def remembered(self, name: str, password: str) -> User | None:
         """Who has given this name and password before; takes no time."""
@@ -85,6 +94,59 @@ class Users:
 
     def _mark(self, name: str, password: str) -> bytes:
         return hmac.digest(self._key, name.casefold().encode() + b"\0" + _bytes(password), "sha256")
+
+
+class UsersFile(Users):
+    """The users in a file, read again when it has changed. With a broken one those before stay.
+
+    Parameters
+    ----------
+    path : Path
+    warn : callable
+        Is told in a line, once for each change, why the file cannot be used.
+
+    Raises
+    ------
+    ValueError
+        As :func:`read`, or there is no user.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], object]) -> None:
+        self._path, self._warn = path, warn
+        self._version = self._found()
+        super().__init__(self._read())
+
+    def look(self) -> Set[str]:
+        version = self._found()
+        if version == self._version:
+            return frozenset()
+        self._version = version
+        try:
+            users = _by_name(self._read())
+        except ValueError as error:
+            self._warn(f"{error}; the users before still hold")
+            return frozenset()
+        before, self._users = self._users, users
+        changed = frozenset(name for name, user in before.items() if users.get(name) != user)
+        self._known = {name: mark for name, mark in self._known.items() if name not in changed}
+        return changed
+
+    def _read(self) -> list[User]:
+        users = read(self._path)
+        if not users:
+            raise InputError(f"users_file: {self._path} has no user: add one with 'fsw.py hmi user add'")
+        return users
+
+    def _found(self) -> tuple[int, ...] | None:
+        try:
+            found = self._path.stat()
+        except OSError:
+            return None
+        return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
+
+
+def _by_name(users: Iterable[User]) -> dict[str, User]:
+    return {user.name.casefold(): user for user in users}
 
 
 def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> User:

@@ -14,7 +14,7 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Session
+from fsw_hmi.control import REFUSED, TIMED_OUT, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Client, Hub
@@ -116,6 +116,7 @@ class LivePage:
         self._orders = self._opened = 0
         self._actions: deque[dict[str, Any]] = deque(maxlen=_KEPT_ACTIONS)
         self._tick_s: float | None = None
+        self._closed = False
 
     def routes(self) -> list[BaseRoute]:
         """Routes of the application."""
@@ -164,16 +165,19 @@ class LivePage:
     async def beat(self) -> None:
         """Tell all pages four times a second that the server is alive, for as long as it is."""
         while True:
-            changed, records = self._room.tick(time.monotonic())
-            for who, what, why in records:
-                self._report(who, what, DONE, why)
-            if changed:
-                self._show_control()
+            self._look_at_control()
             age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
             self._hub.show("beat", frame("beat", {"server_s": _now_s(), "tick_age_s": age_s}), keep=False)
             for page in self._pages:
                 page.client.give_up_if_stuck(self._patience_s)
             await asyncio.sleep(BEAT_S)
+
+    def _look_at_control(self) -> None:
+        changed, records = self._room.tick(time.monotonic())
+        for one in records:
+            self._report(*one)
+        if changed:
+            self._show_control()
 
     # ---------------------------------------------------------------- one page
 
@@ -186,22 +190,22 @@ class LivePage:
             else:
                 await self._serve(socket, socket.client.host if socket.client else "")
 
-    def _make_room(self, client: str) -> bool:
-        """Close the oldest page of a client that nobody has logged in at, if it has too many; whether there is room."""
+    def _make_room(self, client: str) -> None:
+        """Close the idlest page of a client, if it has too many.
+
+        That is the oldest that nobody has ever touched, else the one that has not been touched for longest; only then
+        one at which somebody has logged in, and never the one in control.
+        """
         pages = [page for page in self._pages if page.session.client == client and not page.evicted]
         if len(pages) < self._max_pages:
-            return True
-        strangers = [page for page in pages if not page.session.name]
-        for page in sorted(strangers, key=lambda one: one.opened)[:1]:
-            page.evicted = True
-            page.client.given_up.set()
-        return bool(strangers)
+            return
+        idle = [page for page in pages if page.session is not self._room.holder]
+        first = min(idle, key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.opened))
+        first.evicted = True
+        first.client.given_up.set()
 
     async def _serve(self, socket: WebSocket, address: str) -> None:
-        too_many = f"{self._max_pages} pages are open already on this computer"
-        if not self._make_room(client_of(address)):
-            await socket.close(_TRY_LATER, too_many)
-            return
+        self._make_room(client_of(address))
         self._opened += 1
         page = _Page(self._room.join(address), Client(), self._opened, socket.client)
         self._pages.add(page)
@@ -219,10 +223,10 @@ class LivePage:
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            if self._room.leave(page.session):
+            if self._room.leave(page.session, "the page's server ended" if self._closed else "the page was closed"):
                 self._show_control()
             if page.evicted:
-                await socket.close(_TRY_LATER, too_many)
+                await socket.close(_TRY_LATER, f"more than {self._max_pages} pages are open on this computer")
 
     def _begin(self, page: _Page) -> None:
         hello = {
@@ -272,9 +276,14 @@ class LivePage:
 
         self._logins.submit(session.client, partial(room.check, *credentials), done, busy)
 
+    def end(self) -> None:
+        """The server is about to close all pages."""
+        self._closed = True
+
     def close(self) -> None:
-        """Check no more passwords."""
+        """Check no more passwords, and record who loses control."""
         self._logins.close()
+        self._look_at_control()
 
     def _carry_out(self, page: _Page, verdict: Verdict) -> None:
         session = page.session

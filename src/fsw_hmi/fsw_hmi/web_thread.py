@@ -52,6 +52,7 @@ class WebThread:
 
     def stop(self) -> None:
         """Close all pages and end."""
+        self.call(self._page.end)
         self._server.should_exit = True
         self._thread.join(_PATIENCE_S)
 

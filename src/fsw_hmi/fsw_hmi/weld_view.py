@@ -7,12 +7,11 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command, Reference
-from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
+from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.units import KW_PER_NM_RPM
 
 #: ticks of which samples may still come
 _PENDING = 20
-#: the drives' stamps that are older than the newest by less are late; by more, another weld has begun
-_ANOTHER_WELD_NS = NANOSECONDS
 
 
 class Row(NamedTuple):
@@ -26,7 +25,8 @@ class WeldView:
     """Joins sensors, drives, set-points and commands by their stamps.
 
     The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A tick is over when all
-    sensors have come or the next one begins. The command of a row is the one in force when it was measured.
+    sensors have come or the next one begins. The command of a row is the one in force when it was measured. Stamps of
+    drives that are older than the newest are late, or of another weld where they are further back than `JUMP_NS`.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WeldView:
         """Begin a tick; returns the rows that are over, and whether another weld has begun."""
         newest_ns, restarted = self.newest_ns, False
         if newest_ns is not None and stamp_ns <= newest_ns:
-            if stamp_ns > newest_ns - _ANOTHER_WELD_NS:
+            if stamp_ns >= newest_ns - JUMP_NS:
                 return [], False
             restarted = True
             self._begin()
@@ -84,7 +84,7 @@ class WeldView:
         """Take a sample of a sensor; returns the rows that are over."""
         if isfinite(value):
             self.good_s[sensor] = now_s
-        self._samples.setdefault(stamp_ns, {})[sensor] = value
+        self._samples.setdefault(stamp_ns, {}).setdefault(sensor, value)
         if len(self._samples) > _PENDING:
             newest_ns = self.newest_ns or 0
             del self._samples[max(self._samples, key=lambda one: abs(one - newest_ns))]

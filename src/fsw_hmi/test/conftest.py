@@ -27,13 +27,13 @@ class Server:
 
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
-        self.orders = queue.Queue()
+        self.orders, self.logins = queue.Queue(), queue.Queue()
         settings = {"request_timeout_s": 30.0, "patience_s": 30.0, "max_pages": 100} | options
         room = ControlRoom(settings.pop("key", TOKEN), settings.pop("rules", None))
         encrypted, request_s = settings.pop("encrypted", None), settings.pop("request_s", 10.0)
         listening = listen("127.0.0.1", 0, settings["patience_s"])
         self.gate = listening.gate = Gate(request_s=request_s)
-        self.page = LivePage(self.files, room, self.orders.put, know=self.gate.know, **settings)
+        self.page = LivePage(self.files, room, self._take, know=self.gate.know, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
         self.thread = WebThread(
@@ -51,6 +51,9 @@ class Server:
         done = threading.Event()
         self.thread.call(lambda: (function(*arguments), done.set()))
         assert done.wait(PATIENCE_S)
+
+    def _take(self, order):
+        (self.logins if order.asked == "log in" else self.orders).put(order)
 
     def next_order(self):
         return self.orders.get(timeout=PATIENCE_S)

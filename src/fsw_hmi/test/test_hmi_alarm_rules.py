@@ -6,7 +6,7 @@ from fsw_control.parameters import defaults, load
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id, because
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.frames import readable
-from fsw_hmi.limits import beyond_trip, limits
+from fsw_hmi.limits import limits
 from fsw_hmi.requests import Acknowledge
 
 SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
@@ -104,6 +104,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ),
         ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
         ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
+        ({"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}}, "foreign", "medium"),
         ({"pages": 2}, "other_page", "medium"),
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
@@ -135,10 +136,38 @@ def test_alarm_of_a_situation(rules, changed, name, priority):
         {"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("ok", "")}}},
         {"parts": {"fsw_machine": {"machine": Part("stale", "", False), "clock": Part("ok", "")}}},
         {"values": dict.fromkeys(GOOD, float("nan"))},
+        {"parts": {"fsw_plant": {"commands": Part("warn", "2 publishers: a supervisor takes over")}}},
     ],
 )
 def test_no_alarm_of_what_is_wanted_or_told_otherwise(rules, changed):
     assert rules.present(situation(**changed), 0.0) == {}
+
+
+def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_then(rules):
+    def told(**changed):
+        found = rules.present(situation(state=state(**changed)), 0.0).get("failover")
+        return found and found.text
+
+    first = "decentral commands in place of nmpc: late"
+    assert told(actual_controller="decentral", reason="nmpc failed: late") == first
+    assert told(actual_controller="decentral", reason="took over: 3 ticks went unanswered (x)") == first
+    told(actual_mode="hold", actual_controller="", reason="decentral failed: jump")
+    assert told(actual_controller="other", reason="decentral failed: jump") == first.replace("decentral", "other")
+    assert told() is None
+    after = told(actual_controller="decentral", requested_by="takeover", reason="took over: 3 ticks (nmpc failed: (a))")
+    assert after == "decentral commands in place of nmpc: (a)"
+
+
+def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
+    def told(reason):
+        found = rules.present(situation(sensor_reasons={"depth": reason}), 0.0).get("sensor:depth")
+        return found and found.text
+
+    assert told("frozen, held") == "Sensor depth: its value stands still"
+    assert told("frozen") == told("recovering") == "Sensor depth: its value stands still"
+    assert told("missing") == told("recovering") == "Sensor depth: no samples come"
+    assert told("good") is None
+    assert told("recovering") == "Sensor depth: its value is not trusted yet"
 
 
 def test_safe_stop_of_an_operator_is_no_trip(rules):
@@ -265,22 +294,6 @@ def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
 )
 def test_texts_of_others_are_made_readable(text, shown):
     assert readable(text) == shown
-
-
-@pytest.mark.parametrize(
-    ("depth_mm", "temperature_c", "told"),
-    [
-        (2.66, 850.0, ""),
-        (3.69, 850.0, ""),
-        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
-        (2.66, 790.0, "temperature 790 degC would trip the interlock: not below 790 degC, nor at it"),
-        (2.66, 911.0, "temperature 911 degC would trip the interlock: not above 910 degC, nor at it"),
-    ],
-)
-def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
-    trips = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, trips) == told
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, {}) == ""
 
 
 def test_page_gets_the_limits_that_the_alarms_have():

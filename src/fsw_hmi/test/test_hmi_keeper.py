@@ -18,7 +18,7 @@ def kept(wall_s=1000.0):
     alarms.update({name: Alarm(name, "", "", "medium") for name in "abc"}, 5.0, wall_s)
     alarms.acknowledge(["a"], "anna", wall_s)
     alarms.shelve("b", 10.0, "anna", "known", 5.0, wall_s)
-    return Kept(5.0, wall_s, alarms.entries, [ACTION])
+    return Kept(5.0, wall_s, alarms.entries, [ACTION], "anna (3f2a)", "she has gone")
 
 
 @pytest.fixture

@@ -196,6 +196,6 @@ def test_idle_page_is_told_and_recorded(make_server, users):
         told = otto.seen("control", lambda frame: frame["note"])
         assert (told["holder"], told["authenticated"], told["may_stop"]) == (None, False, True)
         order = server.next_order()
-        assert (order.asked, order.outcome) == ("give control back", "done")
+        assert (order.asked, order.outcome) == ("lose control", "done")
         otto.send("safe_stop")
         assert server.next_order().asked == "safe stop"

@@ -56,7 +56,8 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = rclpy.create_node("others", context=self.context)
         given = {"port": 0, "token_file": str(token_file), "request_timeout_s": 1.0}
-        given["state_folder"] = str(token_file.with_name("state"))
+        self.state_folder = token_file.with_name("state")
+        given["state_folder"] = str(self.state_folder)
         self.overrides = [Parameter(name, value=value) for name, value in given.items()]
         self.capsys = capsys
         monkeypatch.setattr(hmi_node, "PageFiles", partial(hmi_node.PageFiles, folder=folder))
@@ -135,8 +136,32 @@ def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
     with Page(graph.url) as again:
         rows = again.until("history")["rows"]
         assert len(rows) >= 1
-        assert [one["action"] for one in again.seen("actions")["actions"]][-1] == "acknowledge measurements"
+        done = [one["action"] for one in again.seen("actions")["actions"]]
+        assert done[-2:] == ["acknowledge measurements", "lose control"]
         assert states(again.seen("alarms")) == [("measurements", "acknowledged")]
+        assert again.seen("control")["note"] == "anna has lost control: the page's server ended"
+
+
+def test_control_that_was_somebodys_when_the_server_was_killed_is_told_and_recorded(graph, page):
+    kept = graph.state_folder / "hmi_state.json"
+    wait_until(lambda: kept.exists() and '"holder":"anna (' in kept.read_text(), "the state with who has control")
+    killed = kept.read_bytes()
+
+    def start_after_a_kill():
+        graph.executor.remove_node(graph.hmi)
+        graph.hmi.destroy_node()
+        kept.write_bytes(killed)
+        graph.hmi = None
+        graph.start_page()
+
+    wait_until(graph.executor.create_task(start_after_a_kill).done, "the page's server")
+    why = "the page's server was started again"
+    with Page(graph.url) as again:
+        control = again.seen("control")
+        assert control["holder"] is None and control["note"].endswith(f") has lost control: {why}")
+    wait_until(lambda: any(one.message == why for one in graph.actions), "the record")
+    lost = next(one for one in graph.actions if one.message == why)
+    assert (lost.action, lost.who.startswith("anna (")) == ("lose control", True)
 
 
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
@@ -230,7 +255,8 @@ def test_answers_of_services(graph, page):
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait_until(lambda: len(graph.actions) == 9, "the record of all actions")
+    wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
+    assert (graph.actions[0].action, graph.actions[0].message) == ("log in", "logged in as anna, role engineer")
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
@@ -270,8 +296,8 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
 
     graph.serve(SetMode, "fsw/set_mode", on_mode)
     wait_until(lambda: asked, "the safe stop")
-    wait_until(lambda: len(graph.actions) == 3, "the record of what became of it")
-    assert [one.outcome for one in graph.actions] == ["done", "timed_out", "done"]  # the first: control taken
+    wait_until(lambda: len(graph.actions) == 4, "the record of what became of it")
+    assert [one.outcome for one in graph.actions][1:] == ["done", "timed_out", "done"]  # the first: control taken
     assert asked[0] == "safe_stop"
 
 

@@ -235,7 +235,7 @@ def test_idle_page_gives_control_back_and_still_stops():
     hall.now_s += 10.0
     changed, records = hall.room.tick(hall.now_s)
     why = "nobody has touched the page for 10 min"
-    assert (changed, records) == (True, [(otto.session.who, "give control back", why)])
+    assert (changed, records) == (True, [(otto.session.who, "lose control", DONE, why)])
     assert hall.room.tick(hall.now_s) == (False, [])
     assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
     assert otto.control["note"] == f"{why}: log in again to command"
@@ -244,6 +244,53 @@ def test_idle_page_gives_control_back_and_still_stops():
     assert olga.control["authenticated"]
     assert otto.log_in("otto").outcome == DONE
     assert otto.take().outcome == DONE
+
+
+def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
+    otto, olga = Place(hall, "otto"), Place(hall, "olga")
+    otto.take()
+    hall.room.leave(otto.session)
+    assert hall.room.tick(hall.now_s)[1] == [(otto.session.who, "lose control", DONE, "the page was closed")]
+    assert olga.control["note"] == "otto has lost control: the page was closed"
+    olga.take()
+    assert olga.control["note"] == ""
+    olga.log_in("egon")
+    why = "egon has logged in there"
+    assert hall.room.tick(hall.now_s)[1] == [(f"olga ({olga.session.id})", "lose control", DONE, why)]
+    olga.take()
+    olga.ask("release_control")
+    assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", (False, []))
+
+
+def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
+    hall.room.restart("otto (3f2a)")
+    why = "the page's server was started again"
+    assert hall.room.tick(hall.now_s)[1] == [("otto (3f2a)", "lose control", DONE, why)]
+    olga = Place(hall, "olga")
+    assert (olga.control["holder"], olga.control["note"]) == (None, f"otto (3f2a) has lost control: {why}")
+    assert olga.take().outcome == DONE
+
+
+def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
+    place = Place(hall)
+    right = place.log_in("OTTO")
+    assert (right.asked, right.outcome, right.message) == ("log in", DONE, "logged in as otto, role operate")
+    stranger = Place(hall)
+    for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
+        stranger.log_in(name, password)
+    recorded = hall.room.tick(hall.now_s)[1]
+    assert [(one.who.split(" (")[0], one.what, one.outcome) for one in recorded] == [
+        ("otto", "log in", REFUSED),
+        ("unknown name", "log in", REFUSED),
+    ]
+    assert {one.message for one in recorded} == {f"wrong name or password, from {THERE}"}
+    for number in range(9):
+        stranger.log_in("egon", f"guess {number}")
+    assert len(hall.room.tick(hall.now_s)[1]) == 3, "no flood of them in the bag"
+    token = ControlRoom("a token of some length")
+    typed = json.dumps({"id": 1, "do": "login", "name": "secret", "token": "also-secret"})
+    token.handle(token.join(THERE), typed, 0.0)
+    assert "secret" not in str(token.tick(0.0)[1])
 
 
 def test_idle_timeout_of_zero_is_none():

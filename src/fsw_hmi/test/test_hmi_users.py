@@ -1,10 +1,13 @@
 """The file of named users, and the check of their passwords."""
 
+import json
+
 import pytest
 import yaml
 
 from fsw_hmi import users
-from fsw_hmi.users import Users, new_user
+from fsw_hmi.control_room import ControlRoom
+from fsw_hmi.users import Users, UsersFile, new_user
 from fsw_schema.models import InputError
 
 PASSWORD = "correct horse battery"
@@ -139,3 +142,67 @@ def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         users.write(file, [])
     assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (before, ["users.yaml"])
+
+
+@pytest.fixture
+def told():
+    return []
+
+
+def changed(file, *entries):
+    """Write the file anew, as ``fsw.py hmi user`` does."""
+    users.write(file, entries)
+
+
+def test_file_is_read_again_when_it_has_changed(file, told):
+    found = UsersFile(file, told.append)
+    assert found.look() == frozenset()
+    anna = users.read(file)[0]
+    assert found.check("anna", PASSWORD) is not None
+    changed(file, anna, user("carl"))
+    assert found.look() == {"bert.2"}
+    assert (found.check("bert.2", PASSWORD), found.check("Carl", PASSWORD).role) == (None, "operate")
+    assert found.remembered("anna", PASSWORD) is not None, "who has not been changed is known"
+    changed(file, user("anna", password="another password"), user("carl"))
+    assert found.look() == {"anna", "carl"}
+    assert (found.remembered("anna", PASSWORD), found.check("anna", PASSWORD)) == (None, None)
+    assert found.check("anna", "another password") is not None
+    assert told == []
+
+
+@pytest.mark.parametrize("broken", ["- {name: anna}\n", "", "nonsense: [", None])
+def test_broken_file_leaves_the_last_good_users_and_is_told_once(file, told, broken):
+    found = UsersFile(file, told.append)
+    good = file.read_text()
+    file.unlink() if broken is None else file.write_text(broken)
+    for _ in range(3):
+        assert found.look() == frozenset()
+    assert found.check("anna", PASSWORD) is not None
+    (line,) = told
+    assert str(file) in line and line.endswith("; the users before still hold") and "\n" not in line
+    file.write_text(good)
+    file.chmod(0o600)
+    assert (found.look(), told) == (frozenset(), [line])
+
+
+def test_user_who_is_changed_loses_control_and_may_still_stop(file, told):
+    room = ControlRoom(UsersFile(file, told.append))
+    session, other = room.join("192.0.2.4"), room.join("192.0.2.4")
+
+    def ask(page, do, **content):
+        return room.handle(page, json.dumps({"id": 1, "do": do, **content}), 1.0)
+
+    for page, name in ((session, "anna"), (other, "Bert.2")):
+        verdict = ask(page, "login", name=name, password=PASSWORD)
+        room.on_checked(page, 1, verdict.credentials, room.check(*verdict.credentials), 1.0)
+    ask(session, "take_control", **{"from": None})
+    changed(file, user("anna", "view"), users.read(file)[1])
+    assert room.tick(1.0)[0] and room.holder is None
+    assert "the user anna has been changed" in room.control(session, 1.0)["note"]
+    assert ask(session, "mode", mode="hold").message == "log in again"
+    assert ask(session, "safe_stop").action is not None
+    assert ask(other, "take_control", **{"from": None}).outcome == "done"
+    changed(file, user("dora"))
+    again = ask(session, "login", name="Bert.2", password=PASSWORD)  # looked at before the next tick, too
+    assert again.credentials is not None and room.check(*again.credentials) is None
+    assert room.holder is None

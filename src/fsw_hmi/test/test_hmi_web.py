@@ -164,8 +164,9 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         answer = page.until("answer")
         assert answer == {"t": "answer", "id": number, "outcome": "refused", "message": "no"}
         assert page.ask("release_control")["outcome"] == "done"  # and no second answer before this one
-        done = viewer.until("actions", lambda frame: len(frame["actions"]) == 3)["actions"]
+        done = viewer.until("actions", lambda frame: len(frame["actions"]) == 4)["actions"]
         assert [(one["action"], one["outcome"]) for one in done] == [
+            ("log in", "done"),
             ("take control", "done"),
             ("mode hold", "refused"),
             ("release control", "done"),
@@ -195,20 +196,43 @@ def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
 
 def test_only_so_many_pages(make_server):
     server = make_server(max_pages=2)
-    with server.open() as one, server.open() as two:
-        one.log_in(TOKEN), two.receive()
-        with server.open() as three:  # in place of the oldest at which nobody has logged in
-            three.log_in(TOKEN)
+    with contextlib.ExitStack() as stack:
+
+        def come():
+            page = stack.enter_context(server.open())
+            page.until("control")
+            return page
+
+        def goes(page):
             with pytest.raises(ConnectionClosed) as closed:
-                two.until("never")
+                page.until("never")
             assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (
                 1013,
-                "2 pages are open already on this computer",
+                "more than 2 pages are open on this computer",
             )
-            with server.open() as four, pytest.raises(ConnectionClosed) as closed:
-                four.receive()
-            assert closed.value.rcvd.code == 1013
-            assert one.ask("active")["outcome"] == "done"
+
+        operator, bert = come().command(TOKEN), come()
+        bert.log_in(TOKEN, "bert")
+        new = come()  # is not shut out, though somebody has logged in at every other
+        goes(bert)
+        for _ in range(5):
+            before, new = new, come()
+            goes(before)
+        assert operator.ask("active")["outcome"] == "done"
+
+
+@pytest.mark.requirement("S30")
+def test_page_that_somebody_touches_is_not_pushed_out_by_idle_ones(make_server):
+    server = make_server(max_pages=20)
+    with contextlib.ExitStack() as stack:
+        touched = stack.enter_context(server.open())
+        assert touched.ask("active")["message"] == "log in first"
+        idle = [stack.enter_context(server.open()) for _ in range(60)]
+        with pytest.raises(ConnectionClosed):
+            idle[0].until("never")
+        touched.send("safe_stop")
+        assert "this computer" in server.next_order().who
+        assert idle[-1].receive()["t"] == "hello"
 
 
 @pytest.mark.requirement("S30")

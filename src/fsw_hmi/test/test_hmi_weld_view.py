@@ -63,6 +63,14 @@ def test_samples_before_the_drives_and_late_ones():
     assert len(tick(one, 1)) == 1
 
 
+def test_of_several_samples_with_one_stamp_the_first_counts():
+    one = view()
+    tick(one, 0, {"depth": 2.66}, drives=False)
+    tick(one, 0, {"depth": 2.0}, drives=False)
+    (only,) = tick(one, 0, {"torque": 1000.0, "thermocouple": 816.0})
+    assert named(only.values)["depth_mm"] == 2.66
+
+
 def test_samples_of_another_clock_do_not_pile_up():
     one = view()
     for number in range(200):

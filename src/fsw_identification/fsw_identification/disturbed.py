@@ -18,13 +18,13 @@ _SHIFT_TICKS, _SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
 #: a shift of fewer standard deviations is dropped in the end
 _REAL_SHIFT = 5.0
-#: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
+#: residuals are limited to this many standard deviations where shifts are looked for, so that a spike does not count
 _CLIP = 5.0
-#: and to this many where windows are looked for, so that the edge of a shift is none
+#: and to this many where windows are looked for, so that the edge of a shift does not count
 _EDGE = 3.0
 #: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
 _WINDOW_TICKS, _BIASED = 30, 5.0
-#: and those whose variance is so many times that of the noise
+#: and those whose variance exceeds that of the noise by this factor
 _RESTLESS = 3.0
 #: how often windows are looked for, and the share of an output from which on the model is wrong, not disturbed
 _ROUNDS, _LARGEST_SHARE = 4, 0.4
@@ -60,7 +60,7 @@ def _sizes(residuals: FloatArray) -> FloatArray:
 
 
 def drop_small_shifts(problem: Problem) -> None:
-    """Forget shifts that turned out to be none, e.g. the end of a stretch that is left out."""
+    """Drop shifts that turned out to be insignificant, e.g. at the end of an excluded window."""
     if not problem.shifts:
         return
     variances = np.diag(np.linalg.pinv(problem.information(problem.last)))[-len(problem.shifts) :]

@@ -29,17 +29,17 @@ STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
 _WHY_STRUCTURAL = (
     "(19)-(22) have six coefficients, welds identify three: the torque, its slope over force and over depth"
 )
-#: identifiable even at rest, if everything else of the torque is kept nominal
+#: identifiable even at rest, if the other torque parameters are kept nominal
 _LEVEL = "sliding_friction"
 #: which are kept nominal first, where several are not identifiable together
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
-#: up to this share it is a disturbance, and not the wrong start
+#: up to this share of disturbed windows the start is right, and the rest is a disturbance
 _SHARE_OF_DISTURBANCE = 0.25
 #: iterations between two searches for shifts
 _FEW = 6
 #: assumed relative standard deviation of a parameter that is kept nominal
 _KEPT_DEVIATION = 0.2
-#: residuals that exceed the noise between neighbouring samples by less than this are nothing but that noise
+#: residuals that exceed the noise between neighbouring samples by less than this factor count as noise alone
 _AS_GOOD = 1.1
 #: factors on the starting values, tried one after the other
 _STARTS: tuple[dict[str, float], ...] = (
@@ -138,7 +138,7 @@ def identify(
         nonlocal iterations
         iterations += 1
         if progress is not None:
-            progress(1.0 - np.exp(-iterations / 30.0))  # of a number of iterations that is not known
+            progress(1.0 - np.exp(-iterations / 30.0))  # the number of iterations is not known in advance
 
     kept: dict[str, str] = {}
     first = Problem(segments, start, CANDIDATES)

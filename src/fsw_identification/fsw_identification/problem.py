@@ -34,12 +34,12 @@ _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
 #: at the beginning of a segment depth and temperature are not used for so long: dead time and tool
 _SETTLING_TICKS = 40
-#: smallest noise that is assumed, so that data without noise do not count for infinitely much
+#: smallest noise that is assumed, so that noise-free data do not get infinite weight
 NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
 OUTLIER = 5.0
 _HUBER = 3.0
-#: the output that disturbs the process when it is disturbed, and the part of that which does not show
+#: the output whose disturbance acts on the process, and the part of that which is not measured
 _TORQUE, HEAT = 2, 3
 _LARGEST_MOVE = 0.3
 #: largest factor on the size of a random walk in one iteration

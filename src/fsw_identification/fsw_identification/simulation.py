@@ -110,7 +110,7 @@ def _mapped(n_ticks: int) -> ca.Function:
 
 
 class Course(NamedTuple):
-    """What the model says of a segment of n ticks.
+    """The model's prediction for a segment of n ticks.
 
     Attributes
     ----------
@@ -178,11 +178,11 @@ def simulate(
     nuisance : (m,) array
         ``START`` of the segment, and its knots of the disturbances of force [kN], then of power [kW].
     shapes : (n, s) array, optional
-        Courses of torques that the copper exerts beside those of the model: they show, and they heat.
+        Time courses of torques that the copper exerts in addition to the model's: they are measured, and they heat.
     added : (s,) array
         Sizes of the courses [N m].
     shows : (s,) array of bool
-        Whether a course shows in the torque; otherwise it heats only.
+        Whether a course appears in the measured torque; otherwise it only heats.
     """
     n, n_candidates = segment.n_ticks, len(CANDIDATES)
     added = np.asarray(added, dtype=float)

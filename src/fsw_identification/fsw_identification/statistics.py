@@ -62,7 +62,7 @@ def long_run_factor(residuals: Sequence[FloatArray]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What the residuals of a fit say.
+    """Statistics of the residuals of a fit.
 
     Attributes
     ----------

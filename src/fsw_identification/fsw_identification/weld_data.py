@@ -17,8 +17,8 @@ from fsw_control.weld import TICK_S
 
 #: a longer weld gets a note [s]
 _LONG_S = 900.0
-#: a longer hole in the data ends a segment [s]
-_LONGEST_HOLE_S = 2.0
+#: a longer gap in the data ends a segment [s]
+_LONGEST_GAP_S = 2.0
 #: longer ones are divided, because the disturbances of each are unknowns of their own
 _LARGEST_TICKS = 3600
 #: a shorter segment is not used [s]
@@ -28,12 +28,12 @@ _COLUMNS = ("depth", "thermocouple", "torque")
 
 
 class IdentificationError(ValueError):
-    """Data from which nothing can be identified; the message says why and what to do."""
+    """Nothing can be identified from these data; the message says why and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch of a weld without long holes, one row per tick of 0.1 s.
+    """A part of a weld without long gaps, one row per tick of 0.1 s.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     Parameters
     ----------
     signals : WeldSignals
-        The emulator's truth in it is not looked at.
+        The emulator's truth in it is not used.
     drive_lag_s : float
         Time constant of the drives, by which the inputs between two ticks are known.
     in_air : bool
@@ -106,7 +106,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
             f"{row[-1] * TICK_S / 60.0:.0f} min is long: the estimate takes minutes, and its accuracy was only "
             "measured on five-minute welds; prefer one or several of those (--design)"
         )
-    cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
+    cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_GAP_S) + 1
     segments = []
     stretches = np.split(np.arange(row.size), cuts)
     for part in (piece for one in stretches for piece in np.array_split(one, max(1, -(-one.size // _LARGEST_TICKS)))):

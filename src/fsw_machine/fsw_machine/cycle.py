@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from math import inf
 
-#: polling begins so long before the change that is expected [s]
+#: polling begins this long before the expected change [s]
 LEAD_S = 0.004
 #: time between two polls while the change is near, and while it is overdue [s]
 NEAR_S = 0.002
 OVERDUE_S = 0.01
-#: the change counts as overdue after so many periods
+#: number of periods after which the change counts as overdue
 _OVERDUE_PERIODS = 1.5
 #: share of the phase error that is corrected at a change
 _GAIN = 0.2

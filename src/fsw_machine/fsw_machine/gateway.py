@@ -1,4 +1,4 @@
-"""The gateway's rules: what of a read is published, and which command is written. No middleware, no OPC UA."""
+"""The gateway's rules: which part of a read is published, and which command is written. No middleware, no OPC UA."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, Sample, bit, sample
 from fsw_machine.stamps import Stamps
 
-#: why a command can be refused here, besides the reasons of the gate
+#: reasons of a refusal in addition to those of the gate
 REASONS = ("disconnected", "not_permissive", "stale_read", "unanswered", "paused", "jump", "unknown_stamp")
-#: after a pause of so long supervisor and controllers start over from what the drives report: 20 % above their limit
+#: after such a pause supervisor and controllers restart from the drives' feedback: 20 % above their limit
 PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
-#: a read counts as fresh for so many cycles
+#: number of cycles for which a read counts as fresh
 FRESH_CYCLES = 2.5
-#: so many commands in a row that do not reach the machine, and it is started over from the drives
+#: after this many commands in a row that do not reach the machine, control restarts from the drives' feedback
 _LOST_COMMANDS = 3
 #: where single commands were lost, the next one is cut to one move: for so many cycles, and up to so many moves away
 _CATCH_UP = 3

@@ -32,7 +32,8 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
         "invalid values": gateway.invalid,
     }
     if gateway.connected:
-        values |= {name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()}
+        # "permissive" is the gateway's verdict, as a bool, which the operator's page reads
+        values = {name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()} | values
     if not gateway.connected:
         return Report("machine", ERROR, "not connected", values)
     if stalled_s:

@@ -16,7 +16,7 @@ _OWN_CERTIFICATE = {
 
 
 class LinkError(RuntimeError):
-    """The server is not as the machine file says; the message names the entry and what to do."""
+    """The server does not match the machine file; the message names the entry and says what to do."""
 
 
 def words(error: BaseException, machine: MachineFile) -> str:

@@ -154,6 +154,7 @@ class MachineNode(Node):
             self._refused = ""
             self._link.write(order)
         elif gateway.gate.total() > refused:
+            self._writers.note_refused(message.header.frame_id)
             reason = gateway.gate.last_refusal.partition(":")[0]
             if reason != self._refused:
                 self.get_logger().warning(f"command refused: {gateway.gate.last_refusal}")
@@ -181,7 +182,7 @@ class MachineNode(Node):
             ),
             reports.machine(gateway, self._stalled_s, self._link.tracker.skipped, self._link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
-            commands_report(gateway.gate, refused, self._writers.names),
+            commands_report(gateway.gate, refused, self._writers.names, self._writers.strange()),
             reports.writes(gateway, failed, longest_s),
         ]
         self._diagnostics.publish(lines, self._guard.hardware_id)

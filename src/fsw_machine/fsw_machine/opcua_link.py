@@ -28,7 +28,7 @@ from fsw_machine.samples import CycleRead
 
 #: while connecting, requests may take longer: a server may be busy with keys [s]
 _CONNECT_TIMEOUT_S = 5.0
-#: a server keeps the session of a client that was killed for so long, and many keep few [ms]
+#: how long a server keeps the session of a killed client; many servers allow few sessions [ms]
 _SESSION_MS = 20_000
 #: how long the session's end may take [s]
 _END_S = 1.0
@@ -196,7 +196,7 @@ class MachineLink:
             write.cancel()
         if client is None:
             return
-        # An answer is not waited for long: what hangs has perhaps been unplugged.
+        # Do not wait long for an answer: the cable may be unplugged.
         with contextlib.suppress(Exception):
             await asyncio.wait_for(asyncio.shield(client.disconnect()), _END_S)
         protocol = client.uaclient.protocol
@@ -207,7 +207,7 @@ class MachineLink:
     # ---------------------------------------------------------------- reading
 
     async def _follow(self) -> None:
-        """Read once per cycle, for as long as that works."""
+        """Read once per cycle, until that fails."""
         request = ua.ReadParameters(
             TimestampsToReturn=ua.TimestampsToReturn.Source,
             NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in READ],

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import Measured, ReadNode
 
-#: a value may be so much newer than the cycle counter: half a cycle [ns]; more is of another cycle or another clock
+#: how much newer than the cycle counter a value may be: half a cycle [ns]; beyond, it is of another cycle or clock
 _NEWER_NS = 50_000_000
 #: the two upper bits of a status code; 0: good, 1: uncertain, 2: bad
 _SEVERITY_BITS = 30
@@ -23,7 +23,7 @@ class RawValue:
     Attributes
     ----------
     value : object
-        Whatever it is; None: nothing.
+        Of any type; None: no value.
     status : int
         OPC UA status code.
     status_name : str
@@ -44,7 +44,7 @@ class RawValue:
 
 
 class Sample(NamedTuple):
-    """A number in its unit inside, NaN where it must not be used, and then why."""
+    """A number in its unit inside, or NaN and the reason why it must not be used."""
 
     value: float
     fault: str = ""

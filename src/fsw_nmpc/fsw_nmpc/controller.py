@@ -28,7 +28,7 @@ _STATUS_TEXTS = {
 
 
 class Solver(Protocol):
-    """Solves the problem of a tick in place of the library's own solver; see ``fsw_nmpc.ipopt_solver``."""
+    """Solves the problem of a tick in place of the library's own solver; for tests and benchmarks."""
 
     name: str
 
@@ -41,9 +41,9 @@ class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
     Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C library (``kernel/``);
-    this class passes data in and out. Every parameter but the model acts at runtime without a bump; another horizon or
-    solver is made in the background, while the present one works on. If it cannot be made, the present one stays, the
-    proposals say why, and the next change of any parameter tries again.
+    this class passes data in and out. Every parameter but the model acts at runtime without a bump; another horizon is
+    made in the background, while the present one works on. If it cannot be made, the present one stays, the proposals
+    say why, and the next change of any parameter tries again.
 
     Parameters
     ----------
@@ -52,12 +52,14 @@ class NmpcController:
     log : callable, optional
         Gets one line that names the solver in use.
     complain : callable, optional
-        Gets one line when another solver cannot be made; by default the same.
+        Gets one line when another horizon cannot be made; by default the same.
 
     Attributes
     ----------
     settings : Settings
     library : Library
+    solver : Solver or None
+        Used instead of the library's own while it is set.
 
     Raises
     ------
@@ -80,9 +82,10 @@ class NmpcController:
         self._values = defaults(load(*self.parameters)) | dict(values or {})
         self.settings = Settings.of(self._values)
         self._maker: threading.Thread | None = None
-        self._made: tuple[Settings, tuple[Library, Solver | None] | str] | None = None
+        self._made: tuple[Settings, Library | str] | None = None
+        self.solver: Solver | None = None
         self._failure = ""
-        self._use(self.settings, *_make(self.settings))
+        self._use(self.settings, _make(self.settings))
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
     def check(self, values: Mapping[str, Any]) -> str | None:
@@ -103,19 +106,18 @@ class NmpcController:
         self.library.configure(new.struct())
         self._prepare()
 
-    def _use(self, settings: Settings, library: Library, solver: Solver | None) -> None:
-        self.library, self.solver, self._used = library, solver, _solver_key(settings)
+    def _use(self, settings: Settings, library: Library) -> None:
+        self.library, self._blocks = library, settings.tuning.blocks
         self._time_s = tuple(library.horizon.time_s.tolist())
-        name = solver.name if solver else "rti"
-        self._log(f"solver: {name}, {settings.tuning.blocks} blocks, library {KERNEL.source_id()}")
+        self._log(f"solver: rti, {self._blocks} blocks, library {KERNEL.source_id()}")
 
     def _prepare(self) -> None:
-        """Make the solver of the settings in the background, unless it is in use."""
+        """Make the horizon of the settings in the background, unless it is in use."""
         if self._maker is not None:
             return
         self._failure = ""
-        if _solver_key(self.settings) != self._used:
-            self._maker = threading.Thread(target=self._make, args=(self.settings,), name="nmpc solver", daemon=True)
+        if self.settings.tuning.blocks != self._blocks:
+            self._maker = threading.Thread(target=self._make, args=(self.settings,), name="nmpc horizon", daemon=True)
             self._maker.start()
 
     def _make(self, settings: Settings) -> None:
@@ -125,23 +127,20 @@ class NmpcController:
             self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
     def _take(self) -> None:
-        """Switch to the solver created in the background, if it is ready; else say why there is none."""
+        """Switch to the horizon made in the background, if it is ready; else say why there is none."""
         if self._made is None:
             return
         made_for, made = self._made
         self._maker = self._made = None
-        if _solver_key(made_for) != _solver_key(self.settings):
+        if made_for.tuning.blocks != self.settings.tuning.blocks:
             self._prepare()
         elif isinstance(made, str):
-            self._failure = (
-                f"another solver cannot be created, {self._used[0]} with {self._used[1]} blocks stays in use: {made}"
-            )
+            self._failure = f"another horizon cannot be made, that of {self._blocks} blocks stays in use: {made}"
             self._complain(self._failure)
         else:
-            library, solver = made
-            library.configure(self.settings.struct())
-            library.go_on_from(self.library)
-            self._use(self.settings, library, solver)
+            made.configure(self.settings.struct())
+            made.go_on_from(self.library)
+            self._use(self.settings, made)
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
@@ -215,19 +214,9 @@ class NmpcController:
         )
 
 
-def _make(settings: Settings) -> tuple[Library, Solver | None]:
-    """The library for the settings and, where another one is asked for, the solver."""
-    horizon = horizon_of(settings.model, settings.tuning.blocks)
+def _make(settings: Settings) -> Library:
+    """The library for the settings."""
     try:
-        library = Library(settings.model, horizon, settings.struct())
+        return Library(settings.model, horizon_of(settings.model, settings.tuning.blocks), settings.struct())
     except (RuntimeError, OSError) as error:
         raise ValueError(f"nmpc: {error}") from None
-    if settings.solver == "rti":
-        return library, None
-    from fsw_nmpc.ipopt_solver import ReferenceSolver  # IPOPT takes a second to make ready
-
-    return library, ReferenceSolver(library, settings.model)
-
-
-def _solver_key(settings: Settings) -> tuple[str, int]:
-    return settings.solver, settings.tuning.blocks

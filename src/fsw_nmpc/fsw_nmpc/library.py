@@ -26,7 +26,7 @@ Trajectory = KERNEL.enum("fsw_trajectory", "FSW_")
 
 
 class Tables:
-    """The model's tables for the library; they must outlive every controller that is given them.
+    """The model's tables for the library; they must outlive every controller that uses them.
 
     Parameters
     ----------

@@ -19,7 +19,6 @@ class Settings:
     model: ModelParameters
     tuning: Tuning
     limits: Limits
-    solver: str
     max_iterations: int
     plan_reuse: int
     blind_limit_s: float
@@ -50,7 +49,6 @@ class Settings:
             model=model,
             tuning=tuning,
             limits=Limits.of(v),
-            solver=v["solver"],
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
             blind_limit_s=v["blind_limit"],

@@ -19,7 +19,7 @@ from fsw_schema.models import Model, content_of, problem, read_text, validate
 TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
-#: what the node's parameters are when nobody sets them
+#: defaults of the node's parameters
 _NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 

@@ -7,6 +7,7 @@ import pytest
 from fsw_control import Command, Reference
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
+from fsw_test_support.nmpc_ipopt import ReferenceSolver
 from fsw_test_support.nmpc_loop import TARGET, Loop
 
 NAN = float("nan")
@@ -157,7 +158,8 @@ def test_follows_another_controller_and_takes_over_without_a_bump():
 @pytest.mark.full
 def test_reference_solver_in_the_loop_does_the_same():
     """Real-time iterations against problems solved to convergence, over a step of both set-points."""
-    loops = [Loop(), Loop(NmpcController({"solver": "reference"}))]
+    loops = [Loop(), Loop(converged := NmpcController())]
+    converged.solver = ReferenceSolver(converged.library, nominal())
     for k in range(40):
         for loop in loops:
             proposal = loop.step(TARGET if k < 3 else Reference(2.76, 822.4))

@@ -8,7 +8,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import PAPER_GRID_S, horizon_of
 from fsw_nmpc.library import KERNEL
-from fsw_nmpc.prediction import N_START, prediction_function, start_vector
+from fsw_test_support.nmpc_prediction import N_START, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, random_moves, random_start
 
 P = nominal()

@@ -81,7 +81,6 @@ def test_missing_files():
 @pytest.mark.parametrize(
     ("values", "word"),
     [
-        ({"solver": "magic"}, "solver"),
         ({"calmness": 1e9}, "calmness"),
         ({"calmness": float("nan")}, "finite"),
         ({"force_min": 99.0}, "force_min"),
@@ -115,9 +114,8 @@ def test_runtime_change_of_everything_without_a_bump():
         step(controller)
     for values in (
         {"preset": "paper"},
-        {"solver": "reference", "preset": "default"},
         {"calmness": 2.0, "depth_aggressiveness": 0.5, "depth_priority": 3.0},
-        {"solver": "rti"},
+        {"preset": "default"},
     ):
         assert controller.check(values) is None
         controller.configure(values)
@@ -129,7 +127,7 @@ def test_runtime_change_of_everything_without_a_bump():
             assert abs(proposal.command.force_kn - REST.force_kn) < 0.05
             assert abs(proposal.command.speed_rpm - REST.speed_rpm) < 0.3
     assert [text.split(", library")[0] for text in said] == [
-        "solver: rti, 20 blocks", "solver: rti, 54 blocks", "solver: reference, 20 blocks", "solver: rti, 20 blocks",
+        "solver: rti, 20 blocks", "solver: rti, 54 blocks", "solver: rti, 20 blocks",
     ]  # fmt: skip
 
 

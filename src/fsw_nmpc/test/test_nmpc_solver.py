@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
-from fsw_nmpc.ipopt_solver import ReferenceSolver, cumulation, input_bounds, objective
 from fsw_nmpc.library import KERNEL, SolveStatus
 from fsw_nmpc.tuning import Tuning
+from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
 from fsw_test_support.nmpc_problems import LIMITS, make_library, random_moves, random_problem
 
 P = nominal()

@@ -10,7 +10,7 @@ from pydantic import model_validator
 from fsw_control.contract import SENSORS, Sensor
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
-from fsw_schema.models import Model, range_of, validate
+from fsw_schema.models import InputError, Model, range_of, validate
 from fsw_schema.ranges import Range
 
 #: length of a scenario, and of everything in it
@@ -124,6 +124,7 @@ def disturbance(
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}
     if shape != "none":
+        _check_some(amplitude, "amplitude", "disturbance")
         entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude_mm",))[0]] = round(amplitude, _WIRE_DIGITS)
     times = {"duration_s": duration_s, "period_s": period_s}
     used = _TIMES.get(shape, set()) | ({"duration_s"} if shape == "sine" and duration_s else set())
@@ -135,6 +136,7 @@ def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.
     """The same for a fault."""
     entry: dict[str, Any] = {"sensor": sensor, "kind": kind, "duration_s": duration_s}
     if kind in WITH_MAGNITUDE:
+        _check_some(magnitude, "magnitude", "fault")
         entry[_magnitude_key(sensor, kind)] = round(magnitude, _WIRE_DIGITS)
     return validate(FaultEntry, entry, "fault").event(at_s)
 
@@ -151,6 +153,12 @@ def magnitude_unit(sensor: str, kind: str) -> str:
 
 def _magnitude_key(sensor: str, kind: str) -> str:
     return "magnitude_s" if kind == "delay" else FAULT_MAGNITUDE.get(sensor, ("magnitude_mm",))[0]
+
+
+def _check_some(size: float, name: str, what: str) -> None:
+    """Refuse what would change nothing."""
+    if size == 0.0:
+        raise InputError(f"{what}: {name} = 0 has no effect; 'none' ends a {what}")
 
 
 def _check_keys(entry: Model, what: str, allowed: Collection[str], needed: Collection[str]) -> None:

@@ -155,6 +155,7 @@ class PlantNode(Node):
         stamp_ns = convert.stamp_ns(message.header.stamp)
         refusal = self._plant.apply(convert.command(message), stamp_ns, message.source, message.healthy)
         if refusal:
+            self._writers.note_refused(message.header.frame_id)
             self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
         own = refusal != "source" and stamp_ns == self._plant.measure().stamp_ns
@@ -230,7 +231,7 @@ class PlantNode(Node):
                 reports.clock(self._mode(), self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
-                reports.commands(plant.gate, new, self._writers.names),
+                reports.commands(plant.gate, new, self._writers.names, self._writers.strange()),
                 reports.sensors(plant),
             ]
         )

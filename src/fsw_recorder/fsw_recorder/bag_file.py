@@ -53,7 +53,7 @@ class _Committed:
 class BagFile:
     """One MCAP file that is being written, in an open folder wherever that is moved.
 
-    `added` counts all messages, `committed` those that no failure can take away: any method may raise an OSError.
+    `added` counts all messages, `committed` those that no failure can lose; any method may raise an OSError.
     """
 
     def __init__(self, name: str, folder_descriptor: int, compression: str) -> None:

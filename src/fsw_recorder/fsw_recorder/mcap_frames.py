@@ -37,7 +37,7 @@ _CHAIN = 3
 def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
     """Records between two offsets: type, begin and end of the body; the last may end behind ``stop`` (cut off).
 
-    Of what is passed over the type is `DAMAGED`.
+    Bytes that are skipped have the type `DAMAGED`.
     """
     unpack = _FRAME.unpack_from
     while at + HEAD_BYTES <= stop:

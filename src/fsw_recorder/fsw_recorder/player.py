@@ -15,7 +15,7 @@ MIN_RATE, MAX_RATE = 1e-3, 1e6
 class Player:
     """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
 
-    The reader stays the caller's; its log times are the time that is played. The other arguments are parameters of the
+    The caller closes the reader; its log times are the time that is played. The other arguments are parameters of the
     replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or for an argument that
     is out of range.
     """
@@ -85,15 +85,15 @@ class Player:
         return due
 
     def hold_back(self, lost_ns: int) -> None:
-        """Do not catch up on ``lost_ns`` of the clock, in which nothing could be played: continue from there.
+        """Do not catch up on the time ``lost_ns`` in which nothing could be played.
 
-        Messages that are sent at once where they were apart overrun the queues of their subscribers.
+        Messages that were recorded apart and are sent at once would overrun their subscribers' queues.
         """
         if not self.is_paused:
             self._anchor_now_ns += lost_ns
 
     def pause(self, now_ns: int) -> None:
-        """Stand still."""
+        """Pause."""
         self._anchor(self.bag_time_ns(now_ns), now_ns)
         self.is_paused = True
 

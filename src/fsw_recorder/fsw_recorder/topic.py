@@ -57,7 +57,7 @@ class BagRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """Rule that takes or leaves topics: the parameters of these names, which ``recorder.yaml`` describes.
+    """Selects topics: the parameters of these names, which ``recorder.yaml`` describes.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class TopicSelection:
                 raise BagError(f"'{text}' is not a regular expression: {error}") from None
 
     def takes(self, topic: str) -> bool:
-        """Whether the topic is taken."""
+        """Whether the topic is selected."""
         if topic in self.exclude or (self.exclude_regex and re.search(self.exclude_regex, topic)):
             return False
         if topic in self.topics:

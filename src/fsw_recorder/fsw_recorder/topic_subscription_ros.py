@@ -13,7 +13,7 @@ from rosbags.interfaces import Qos
 from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
 
-#: how many messages of a topic are remembered to recognise one that comes twice
+#: how many messages of a topic are remembered to recognise duplicates
 _REMEMBERED = 4096
 
 #: topic, message, receive time, publish time

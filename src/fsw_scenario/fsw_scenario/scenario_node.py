@@ -214,10 +214,8 @@ class ScenarioNode(Node):
         self._send_ahead()
 
     def _send(self, one: Reference, stamp_ns: int) -> None:
-        message = convert.reference_message(one, stamp_ns)
-        if self._scenario.phases:
-            message.header.frame_id = self._mark
-        self._setpoints.publish(message)
+        mark = self._mark if self._scenario.phases else ""
+        self._setpoints.publish(convert.reference_message(one, stamp_ns, mark=mark))
 
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""

@@ -6,18 +6,24 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
+from types import SimpleNamespace
 
 import pytest
 
 from fsw_control.free_domain import free_domain
+from fsw_scenario import launcher as launcher_module
 from fsw_scenario.launcher import REFUSED, Launcher, LaunchError, Respawn
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
 STUBBORN = """
     import signal
+    def ignore(*_):
+        print("no", flush=True)
     def main():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, ignore)
         signal.signal(signal.SIGTERM, {term})
         print("ready", flush=True)
         while True:
@@ -38,13 +44,36 @@ def modules(tmp_path, monkeypatch):
     return write
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """Gives a child's launcher a clock that stands still until the child has said no to the last signal."""
+
+    def give(child):
+        sent, passed, send_signal = [], [], child.process.send_signal
+
+        def send(number):
+            sent.append(number)
+            send_signal(number)
+
+        def sleep(seconds):
+            time.sleep(seconds)
+            if child.text().split().count("no") == len(sent):
+                passed.append(seconds)
+
+        monkeypatch.setattr(child.process, "send_signal", send)
+        clock = SimpleNamespace(monotonic=lambda: sum(passed), sleep=sleep)
+        monkeypatch.setattr(launcher_module, "time", clock)
+
+    return give
+
+
 def test_arguments_environment_and_exit_code(modules, tmp_path):
     modules(
         "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
     )
     with Launcher(tmp_path / "log", 77) as launcher:
         child = launcher.start("a", "child_a", ["x", "y"])
-        child.process.wait(20.0)
+        child.process.wait(PATIENCE_S)
         assert child.text().strip() == "['x', 'y'] 77"
         with pytest.raises(LaunchError, match="a has ended with exit code 3"):
             launcher.check()
@@ -73,7 +102,7 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
         assert (again.status(), again.last_lines()) == ({}, "it printed nothing")
 
 
-def test_waiting_for_text_and_for_too_long(modules, tmp_path):
+def test_waiting_for_text_and_for_too_long(modules, tmp_path, patient):
     modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("b", "child_b")
@@ -82,16 +111,19 @@ def test_waiting_for_text_and_for_too_long(modules, tmp_path):
             launcher.start("b", "child_b")
         with pytest.raises(LaunchError, match="without success for a miracle"):
             launcher.wait_until(lambda: False, 0.1, "a miracle")
+        patient(child)
     assert not child.running
     assert child.process.returncode == -signal.SIGTERM
 
 
-def test_whoever_ignores_everything_is_killed(modules, tmp_path):
-    modules("child_c", STUBBORN.format(term="signal.SIG_IGN"))
+def test_whoever_ignores_everything_is_killed(modules, tmp_path, patient):
+    modules("child_c", STUBBORN.format(term="ignore"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("c", "child_c")
         launcher.wait_for_text("c", "ready")
+        patient(child)
     assert child.process.returncode == -signal.SIGKILL
+    assert child.text().split() == ["ready", "no", "no"]
 
 
 def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
@@ -116,7 +148,7 @@ class Kept:
     def ends(self, name):
         """Wait for its end; returns the process that comes in its place once the pause is over."""
         ended = self.child(name)
-        ended.process.wait(60.0)
+        ended.process.wait(PATIENCE_S)
         self.respawn.update()
         assert self.child(name) is ended
         self.now_s += 9.0
@@ -133,7 +165,9 @@ def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, 
         kept = Kept(launcher, "f", "g")
         first.process.kill()
         again = kept.ends("f")
-        launcher.wait_until(lambda: again.log.read_text().count("ready") == 2, 60.0, "the second start in the same log")
+        launcher.wait_until(
+            lambda: again.log.read_text().count("ready") == 2, PATIENCE_S, "the second start in the same log"
+        )
         assert (again.running, other.running, launcher.children["g"]) == (True, True, other)
         assert len(kept.told) == 1
         assert "exit code -9" in kept.told[0]
@@ -192,7 +226,7 @@ def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
         parent.kill()
         parent.wait()
         parent.stdout.close()
-    assert select.select([child], [], [], 20.0)[0] == [child], "the child has ended"
+    assert select.select([child], [], [], PATIENCE_S)[0] == [child], "the child has ended"
     os.close(child)
 
 

@@ -11,7 +11,7 @@ the drives' actual values.
 - While an interlock is tripped the mode is safe stop, from the tick in which it is judged: interlocks act by level. A
   safe stop is left only by the operator, with valid sensors, after an acknowledgement that no cause has followed. A
   restart goes on with it.
-- Nothing lasts for ever without control: start, hold and manual with an invalid sensor have time-outs that lead to
+- No state without control lasts indefinitely: start, hold and manual with an invalid sensor have time-outs that lead to
   safe stop.
 - Each request is answered once, with the reason if it is refused.
 """
@@ -133,7 +133,7 @@ class Arbiter:
     def on_status(
         self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float, applied_source: str = ""
     ) -> list[Decision]:
-        """Take what a controller declares of itself, and the source of the command that it has seen applied last."""
+        """Take a controller's status, and the source of the command that it has seen applied last."""
         self.ticks.pass_time(now_s)
         self.on_source(applied_source)
         if self.registry.on_status(name, tolerated_sensors):
@@ -141,7 +141,7 @@ class Arbiter:
         return self.ticks.decide()
 
     def on_time(self, now_s: float) -> list[Decision]:
-        """Let time pass; to be called at ``wakeup_s`` at the latest."""
+        """Process the passage of time; to be called at ``wakeup_s`` at the latest."""
         self.ticks.pass_time(now_s)
         decisions = self.ticks.decide()
         self.operator.expire(now_s)
@@ -186,14 +186,21 @@ class Arbiter:
             # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader has missed.
             self.machine.mirror(source)
 
-    def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
-        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why."""
+    def follow_operator(
+        self, controller: str, mode: str, inhibited: Mapping[str, str], actual: tuple[str, str, str] = ("", "", "")
+    ) -> None:
+        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
+
+        ``actual``: the leader's mode and controller, and why.
+        """
         self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
+        self.machine.mirror_reason(*actual)
         self.registry.mirror_inhibitions(inhibited)
 
     def lead(self, reason: str) -> list[Decision]:
         """Send from now on, beginning with the tick decided on standby; ``reason`` is empty at a start."""
         self.ticks.leading = True
+        self.watch.change_role()
         if reason:
             self.machine.lead(reason)
         self.operator.manual = self.applied  # the manual mode goes on with the command in force
@@ -204,6 +211,7 @@ class Arbiter:
         """Send nothing from now on, nor what was decided last."""
         self.ticks.take_back(unsent)
         self.ticks.leading = False
+        self.watch.change_role()
         # The last decision may not have been obeyed: the command in force comes from the leader or the drives.
         self.in_force.forget()
         if (tick := self.ticks.present) is not None:

@@ -103,7 +103,7 @@ class Arbitration:
             return
         if not self.start_up.may_command(tick, now_s, final):
             if final:
-                # A command now would make every controller say that it is not selected; what acts may still change.
+                # A command now would deselect every controller; the command in force may still change.
                 tick.settle()
                 self.in_force.forget()
             return

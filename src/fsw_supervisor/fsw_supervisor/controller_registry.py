@@ -38,7 +38,7 @@ class ControllerRecord:
     silent_ticks: int = 0  #: ticks in a row without a proposal
     doubled: int = 0  #: ticks in a row with more than one proposal
     conflicts: int = 0  #: ticks in a row with two different proposals
-    tolerated_sensors: tuple[str, ...] = ()  #: that it declares to do without for a while
+    tolerated_sensors: tuple[str, ...] = ()  #: that may be invalid for a while, as it declares
     status_seen: bool = False
     last_stamp_ns: int = -1  #: of its newest proposal
     early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not arrived yet
@@ -58,7 +58,7 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock is irrelevant, a
+    It is bounded, so that flooding nodes cannot fill the memory. In lockstep, where the wall clock is irrelevant, a
     shadow controller that lags behind does not count as failed.
     """
 
@@ -133,7 +133,7 @@ class ControllerRegistry:
             self._machine.log(Level.WARN, name, f"controller {name} has left the graph")
 
     def on_status(self, name: str, tolerated_sensors: tuple[str, ...]) -> bool:
-        """Take what a controller declares of itself; returns whether it is known."""
+        """Take a controller's status; returns whether the controller is known."""
         record = self.get(name)
         if record is not None:
             record.tolerated_sensors = tuple(sensor for sensor in tolerated_sensors if sensor in SENSORS)
@@ -258,7 +258,7 @@ class ControllerRegistry:
         return check(record.name, proposal, tick.previous, self._machine.settings.limits)
 
     def _count(self, record: ControllerRecord, candidate: Candidate) -> None:
-        """Count a candidate command for or against its controller."""
+        """Update the counts of a controller with a candidate command."""
         machine = self._machine
         if candidate.refusal:
             if candidate.malformed:

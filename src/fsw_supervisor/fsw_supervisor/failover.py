@@ -6,18 +6,19 @@ from enum import StrEnum
 
 from fsw_control.applied import SILENT_PERIODS
 from fsw_control.command_check import refusal
-from fsw_control.contract import Command
+from fsw_control.contract import Command, signature
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.state_machine import TOOK_OVER
 from fsw_supervisor.tick import Decision, Tick
 
-#: after a start: listening so long for a leader [s]
+#: after a start: how long to listen for a leader [s]
 LISTEN_S = 0.25
 #: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: leading, after a hold-up: commands are withheld so long in case there is another leader, in tick periods
+#: leading, after a stall: how long commands are withheld in case there is another leader, in tick periods
 _FENCE_TICKS = 1.0
-#: on standby, after a hold-up: so long the queues may take to drain, in tick periods
+#: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 
 
@@ -91,7 +92,7 @@ class Failover:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            why = f"took over: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
+            why = f"{TOOK_OVER}: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role = Role.ACTIVE
             self._term = max(self._term, self._heard_term) + 1
             decisions = self._arbiter.lead(why)
@@ -109,7 +110,7 @@ class Failover:
 
     def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
         """Take a message seen on the command topic; ``token`` is that of its writer."""
-        term, identity = _parsed(token)
+        term, identity = signature(token)
         by_supervisor = identity not in ("", self._identity)
         if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command, by_supervisor):
             return
@@ -134,7 +135,7 @@ class Failover:
 
         Returns whether its state has to be followed.
         """
-        term, identity = _parsed(token)
+        term, identity = signature(token)
         if identity in (self._identity, ""):
             return False
         self._heard_term = max(self._heard_term, term)
@@ -167,7 +168,7 @@ class Failover:
         if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
             return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
-            # This process was held up: the messages in the queues are handled first.
+            # This process was stalled: the messages in the queues are handled first.
             self._drained = True
             self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
@@ -225,9 +226,3 @@ class Failover:
         held, self._held = self._held, []
         self._tick = self._arbiter.ticks.present
         self._arbiter.step_down(held, reason)
-
-
-def _parsed(token: str) -> tuple[int, str]:
-    """Term and identity of a token; 0 and empty for any other text."""
-    term, _, identity = token.partition(".")
-    return (int(term), identity) if term.isdecimal() and len(term) < 10 else (0, "")

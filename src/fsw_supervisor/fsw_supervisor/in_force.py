@@ -17,8 +17,9 @@ _DRIFT = 0.05
 _LARGEST_OFFSET = 10.0
 #: time for which a foreign command counts as recent [s]
 _FOREIGN_S = 5.0
-#: time for which commands of another supervisor belong to a takeover, and are no foreign writer's (chosen) [s]
-_TAKEOVER_S = 2.0
+#: so many commands of another supervisor belong to a takeover, and are no foreign writer's: however busy the computer,
+#: by then one of the two has heard the other and stands by (chosen: 2 s)
+_TAKEOVER_COMMANDS = 20
 
 
 class CommandWatch:
@@ -37,7 +38,7 @@ class CommandWatch:
         self.foreign_tick = -10
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_s: float | None = None
-        self._rival_s = self._rival_since_s = float("-inf")
+        self._rival_s, self._rival_commands = float("-inf"), 0
 
     def sent(self, decision: Decision) -> None:
         """Record a decision that is sent."""
@@ -54,19 +55,23 @@ class CommandWatch:
     def note_foreign(self, now_s: float, tick: int, by_supervisor: bool = False) -> bool:
         """Record a foreign command; returns whether it is the first for a while that is to be reported.
 
-        One ``by_supervisor``, signed by another supervisor, is only reported if they do not end with the takeover.
+        One ``by_supervisor``, signed by another supervisor, is only reported if they go on while this one leads.
         """
         first = not self.seen_lately(now_s)
         self.foreign_commands += 1
         self.foreign_tick = tick
         if by_supervisor:
             if now_s - self._rival_s > _FOREIGN_S:
-                self._rival_since_s = now_s
-            self._rival_s = now_s
-            if now_s - self._rival_since_s <= _TAKEOVER_S:
+                self._rival_commands = 0
+            self._rival_s, self._rival_commands = now_s, self._rival_commands + 1
+            if self._rival_commands <= _TAKEOVER_COMMANDS:
                 return False
         self._foreign_s = now_s
         return first
+
+    def change_role(self) -> None:
+        """Note that this supervisor begins or ceases to lead: what the other one sends belongs to another takeover."""
+        self._rival_commands = 0
 
     def seen_lately(self, now_s: float) -> bool:
         """Whether another writer has sent commands lately."""
@@ -92,7 +97,7 @@ class DriveOffset:
         self._follows = 0
 
     def learn(self, difference: float | None, move: float) -> None:
-        """Take feedback minus command at a tick (None: unknown); up to ``move`` the drive may be under way."""
+        """Take feedback minus command at a tick (None: unknown); within ``move`` the drive may still be moving."""
         last, self._last_difference = self._last_difference, difference
         if difference is None:
             self._stays = 0

@@ -38,7 +38,7 @@ class StartUp:
         return self._measured_s + self._machine.settings.takeover_wait_s
 
     def begin(self, now_s: float) -> None:
-        """Note that measurements come; the time to listen counts from the first."""
+        """Note that measurements arrive; the time to listen counts from the first."""
         if self._measured_s is None:
             self._measured_s = now_s
 

@@ -85,6 +85,10 @@ TRANSITIONS: tuple[Transition, ...] = (
 _TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 
 
+#: begins the reason of a supervisor that leads in another's place; behind it in brackets why that was in its state
+TOOK_OVER = "took over"
+
+
 def next_mode(mode: Mode, trigger: Trigger) -> Mode | None:
     """Mode that ``trigger`` leads to from ``mode``; None where the table has no such row."""
     return _TABLE.get((mode, trigger))
@@ -96,6 +100,13 @@ class Level(StrEnum):
     INFO = "info"
     WARN = "warn"
     ERROR = "error"
+
+
+def before_takeover(reason: str) -> str:
+    """Why a supervisor is in its state, without that it has taken over; empty if it knows no more."""
+    if not reason.startswith(TOOK_OVER):
+        return reason
+    return reason.partition(" (")[2].removesuffix(")")
 
 
 class Event(NamedTuple):
@@ -130,7 +141,7 @@ class Machine:
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)
-        self._before_takeover = self._takeover = ""  # reason of the present state before the takeovers, and with them
+        self._told = ("", "", "")  # of the leader: mode, controller, and why
 
     def advance(self, stamp_ns: int) -> None:
         """Go on to the next tick."""
@@ -206,16 +217,20 @@ class Machine:
             if mode is not self.mode:
                 self._enter(mode)
             self.active = active
-            self.reason = f"as the leading supervisor: {source}"
+            self.reason = ""
+        if self._told[:2] == (str(mode), active):
+            self.reason = self._told[2]
+
+    def mirror_reason(self, mode: str, controller: str, reason: str) -> None:
+        """On standby: note what the leader tells of its mode and controller; ``reason`` without its takeovers."""
+        self._told = (mode, controller, before_takeover(reason))
 
     def lead(self, reason: str) -> None:
         """Record that a standby leads from now on, in its present state, which is not acknowledged."""
         self.acknowledged = False
         self.slewing = self.settings.transition_ticks
-        if self.reason != self._takeover:
-            self._before_takeover = self.reason
-        self._takeover = f"{reason} ({self._before_takeover})"
-        self._note(self._takeover, "takeover", f"leads in {self.mode}")
+        before = before_takeover(self.reason)
+        self._note(f"{reason} ({before})" if before else reason, "takeover", f"leads in {self.mode}")
 
     def explain(self, reason: str) -> None:
         """Say why the present state lasts."""

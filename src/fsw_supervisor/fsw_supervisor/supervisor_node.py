@@ -110,7 +110,8 @@ class SupervisorNode(Node):
     def _on_leader_state(self, message: SupervisorState) -> None:
         if self._failover.on_leader_state(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
             inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
-            self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited)
+            actual = (message.actual_mode, message.actual_controller, message.reason)
+            self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)
         self._publish([])
 
     def _on_switch_topic(self, message: String) -> None:

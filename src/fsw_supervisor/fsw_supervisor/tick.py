@@ -11,7 +11,7 @@ from fsw_control.contract import Command, Limits
 
 @dataclass(frozen=True, slots=True)
 class ProposalInput:
-    """A proposal as it came in.
+    """A proposal as received.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ProposalInput:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A proposal that was checked."""
+    """A checked proposal."""
 
     command: Command
     refusal: str = ""  #: why it may not be applied, in words; empty when it may
@@ -119,7 +119,7 @@ class Tick:
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     failure: str = ""  #: why the active controller has failed in this tick
     extended: bool = False  #: lockstep gives a slow fallback more time
-    stalled: bool = False  #: this process was held up, so that no controller counts as failed
+    stalled: bool = False  #: this process was stalled, so that no controller counts as failed
     answered: bool = False  #: a command was sent, here or by the leader
     outcome: Outcome | None = None  #: None until it is settled
 

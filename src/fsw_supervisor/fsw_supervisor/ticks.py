@@ -8,7 +8,7 @@ from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level, Trigger
 from fsw_supervisor.tick import Decision, Tick
 
-#: after so long without measurements the command in force is no longer known [s]
+#: after this long without measurements the command in force counts as unknown [s]
 GAP_S = 1.0
 #: in real time a stamp far away is accepted after so many tick periods in which nothing else has arrived
 _SILENT_TICKS = 2.5
@@ -46,7 +46,7 @@ class Ticks:
 
     @property
     def measuring(self) -> bool:
-        """Whether measurements come."""
+        """Whether measurements arrive."""
         return self.present is not None and not self._silent
 
     @property

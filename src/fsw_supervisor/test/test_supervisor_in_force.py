@@ -61,9 +61,19 @@ def test_commands_of_another_supervisor_are_foreign_only_when_the_takeover_does_
     assert not any(watch.note_foreign(10.0 + 0.1 * tick, tick, by_supervisor=True) for tick in range(20))
     assert (watch.foreign_commands, watch.foreign_tick, watch.seen_lately(12.0)) == (20, 19, False)
     assert not watch.note_foreign(20.0, 100, by_supervisor=True), "the next takeover"
-    assert not watch.note_foreign(22.0, 120, by_supervisor=True)
-    assert watch.note_foreign(22.1, 121, by_supervisor=True)
+    assert not any(watch.note_foreign(20.0 + 0.1 * tick, 100 + tick, by_supervisor=True) for tick in range(1, 20))
+    assert watch.note_foreign(22.1, 121, by_supervisor=True), "it does not end: two supervisors lead"
     assert watch.seen_lately(22.1)
+
+
+def test_takeovers_to_and_fro_on_a_busy_computer_are_no_foreign_writer() -> None:
+    watch = CommandWatch()
+    for takeover in range(20):  # one after the other, each noticed a second late
+        for late in range(10):
+            assert not watch.note_foreign(2.0 * takeover + 0.1 * late, takeover, by_supervisor=True)
+        watch.change_role()
+    assert not watch.seen_lately(40.0)
+    assert watch.note_foreign(40.0, 400), "one that is not signed is"
 
 
 # ---------------------------------------------------------------- offsets of the drives

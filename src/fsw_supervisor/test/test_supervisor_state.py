@@ -167,7 +167,6 @@ def test_a_standby_is_in_the_mode_in_which_the_leader_commands(machine, source, 
     for _ in range(3):
         machine.mirror(source)
         assert (machine.mode, machine.active) == (mode, active)
-        assert machine.reason == f"as the leading supervisor: {source}"
     assert machine.ticks_in_mode == 0
     assert ticks(machine, 2).ticks_in_mode == 2
     machine.mirror(source)
@@ -183,24 +182,27 @@ def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machin
 
 
 def test_a_standby_that_leads_tells_so_and_slews(machine):
+    machine.mirror_reason("auto", "nmpc", "nmpc is configured to start with")
     machine.mirror("nmpc")
     machine.acknowledged = True
     machine.lead("took over")
     assert (machine.acknowledged, machine.slewing, machine.requested_by) == (False, 7, "takeover")
-    assert machine.reason == "took over (as the leading supervisor: nmpc)"
+    assert machine.reason == "took over (nmpc is configured to start with)"
     assert machine.events[-1].text == f"leads in auto: {machine.reason}"
 
 
 def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other_again_and_again(machine):
+    machine.mirror_reason("hold", "", "no controller is ready (late)")
     machine.mirror("hold")
     machine.lead("took over: 2 ticks went unanswered")
     for _ in range(3):
+        machine.mirror_reason("hold", "", machine.reason)
         machine.mirror("hold")
         machine.lead("took over: 3 ticks went unanswered")
-    assert machine.reason == "took over: 3 ticks went unanswered (as the leading supervisor: hold)"
+    assert machine.reason == "took over: 3 ticks went unanswered (no controller is ready (late))"
     machine.mirror("nmpc")
     machine.lead("took over: 2 ticks went unanswered")
-    assert machine.reason == "took over: 2 ticks went unanswered (as the leading supervisor: nmpc)"
+    assert machine.reason == "took over: 2 ticks went unanswered", "the leader died before it told why"
 
 
 # ---------------------------------------------------------------- settings

@@ -32,10 +32,10 @@ def make_library(
 
 
 def finish_changes(controller: NmpcController, timeout_s: float = 60.0) -> None:
-    """Wait until the solver that a controller makes in the background is in use."""
+    """Wait until the horizon that a controller makes in the background is in use."""
     while (maker := controller._maker) is not None:
         maker.join(timeout_s)
-        assert not maker.is_alive(), f"the solver is not ready after {timeout_s} s"
+        assert not maker.is_alive(), f"the horizon is not ready after {timeout_s} s"
         controller._take()
 
 

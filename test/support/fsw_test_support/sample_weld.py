@@ -40,16 +40,24 @@ SCENARIO = b"name: made-up weld\n"
 
 
 class SampleTypes:
-    """Builds and serializes messages from their definitions, without message classes."""
+    """Builds and serializes messages from their definitions, without message classes.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    definitions : dict of str to str, optional
+        Of types that are not to be as they are installed.
+    """
+
+    def __init__(self, definitions: dict[str, str] | None = None) -> None:
         self._definitions = Definitions()
+        self._texts = definitions or {}
         self._stores: dict[str, Any] = {}
 
     def serialize(self, type_name: str, values: dict[str, Any]) -> bytes:
         """Serialized message; fields not given are zero or empty."""
         if type_name not in self._stores:
-            self._stores[type_name] = self._definitions.typestore(type_name, interface_definition(type_name))
+            definition = self._texts.get(type_name) or interface_definition(type_name)
+            self._stores[type_name] = self._definitions.typestore(type_name, definition)
         store = self._stores[type_name]
         return bytes(store.serialize_cdr(self._build(store, type_name, values), type_name))
 

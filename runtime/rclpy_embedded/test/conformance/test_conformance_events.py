@@ -137,14 +137,22 @@ def test_liveliness(node: Any, spinner: Any) -> None:
         liveliness_lease_duration=Duration(nanoseconds=200_000_000),
     )
     publisher, _, lost, changed = _pair(node, profile, "liveliness")
-    publisher.assert_liveliness()
-    assert spinner.until(lambda: changed)
-    assert changed[0].alive_count == 1
+
+    def lives() -> bool:
+        """On a busy machine its time may be over before anybody hears of it."""
+        publisher.assert_liveliness()
+        return bool(changed) and changed[-1].alive_count == 1
+
+    assert spinner.until(lives)
     assert spinner.until(lambda: lost)
     assert spinner.until(lambda: changed[-1].alive_count == 0)
     assert changed[-1].not_alive_count == 1
-    publisher.publish(String())
-    assert spinner.until(lambda: changed[-1].alive_count == 1)
+
+    def lives_again() -> bool:
+        publisher.publish(String())
+        return bool(changed[-1].alive_count == 1)
+
+    assert spinner.until(lives_again)
 
 
 def test_async_event_callback(node: Any, spinner: Any) -> None:

@@ -187,7 +187,7 @@ def test_from_another_node_and_its_events(context: Context, node: Any, spinner: 
     handle = handler.add_parameter_callback("gain", "/far/other", seen.append)
     handler.add_parameter_event_callback(events.append)
     client = AsyncParameterClient(node, "/far/other")
-    assert client.wait_for_services(10)
+    assert client.wait_for_services(120)
     assert spinner.until(lambda: handler.parameter_event_subscription.get_publisher_count() == 2)
 
     def call(future: Any) -> Any:

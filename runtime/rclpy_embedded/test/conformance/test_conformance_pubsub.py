@@ -212,7 +212,7 @@ def test_wait_for_all_acked(node: Any, spinner: Any) -> None:
     publisher = node.create_publisher(String, "acked", 10)
     node.create_subscription(String, "acked", lambda _: None, 10)
     publisher.publish(String(data="x"))
-    assert publisher.wait_for_all_acked(Duration(seconds=5))
+    assert publisher.wait_for_all_acked(Duration(seconds=120))
     assert publisher.wait_for_all_acked()
     assert node.create_publisher(String, "unacked", qos_profile_sensor_data).wait_for_all_acked(Duration(seconds=0))
 
@@ -221,7 +221,7 @@ def test_wait_for_message(context: Any, node: Any, wait_until: Any) -> None:
     latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
     assert wait_for_message(String, node, "once", qos_profile=latched, time_to_wait=0.05) == (False, None)
     node.create_publisher(String, "once", latched).publish(String(data="now"))
-    found, message = wait_for_message(String, node, "once", qos_profile=latched, time_to_wait=5)
+    found, message = wait_for_message(String, node, "once", qos_profile=latched, time_to_wait=120)
     assert found and message.data == "now"
     assert wait_until(lambda: node.count_subscribers("once") == 0)
 
@@ -235,6 +235,6 @@ def test_many_nodes_in_one_process(context: Any, spinner: Any) -> None:
     publisher = nodes[0].create_publisher(String, "to_all", 10)
     assert spinner.until(lambda: publisher.get_subscription_count() == 50)
     publisher.publish(String(data="x"))
-    assert spinner.until(lambda: len(got) == 50, 30)
+    assert spinner.until(lambda: len(got) == 50)
     assert sorted(got) == list(range(50))
     assert spinner.until(lambda: len(nodes[0].get_node_names()) == 51)

@@ -38,7 +38,7 @@ def _invert(request: Any, response: Any) -> Any:
 def test_call(node: Any, spinner: Any) -> None:
     service = node.create_service(SetBool, "invert", _invert)
     client = node.create_client(SetBool, "invert")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     future = client.call_async(SetBool.Request(data=False))
     assert spinner.until(future.done)
     assert future.result() == SetBool.Response(success=True, message="inverted")
@@ -49,7 +49,7 @@ def test_blocking_call_from_another_thread(node: Any, spinner: Any) -> None:
     node.create_service(SetBool, "invert", _invert)
     client = node.create_client(SetBool, "invert")
     results: list[Any] = []
-    thread = threading.Thread(target=lambda: results.append(client.call(SetBool.Request(data=True), timeout_sec=10)))
+    thread = threading.Thread(target=lambda: results.append(client.call(SetBool.Request(data=True), timeout_sec=120)))
     thread.start()
     assert spinner.until(lambda: results)
     thread.join()
@@ -67,7 +67,7 @@ def test_responses_go_to_their_callers(context: Any, node: Any, spinner: Any) ->
     clients = [other.create_client(SetBool, "/invert") for other in others]
     for other in others:
         spinner.executor.add_node(other)
-    assert all(client.wait_for_service(5) for client in clients)
+    assert all(client.wait_for_service(120) for client in clients)
     futures = [client.call_async(SetBool.Request(data=bool(n % 2))) for n, client in enumerate(clients)]
     assert spinner.until(lambda: all(future.done() for future in futures))
     assert [future.result().success for future in futures] == [n % 2 == 0 for n in range(8)]
@@ -76,7 +76,7 @@ def test_responses_go_to_their_callers(context: Any, node: Any, spinner: Any) ->
 def test_concurrent_calls_of_one_client(node: Any, spinner: Any) -> None:
     node.create_service(SetBool, "invert", _invert)
     client = node.create_client(SetBool, "invert")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     futures = [client.call_async(SetBool.Request(data=bool(n % 2))) for n in range(9)]
     assert spinner.until(lambda: all(future.done() for future in futures))
     assert [future.result().success for future in futures] == [n % 2 == 0 for n in range(9)]
@@ -91,7 +91,7 @@ def test_async_service_callback(node: Any, spinner: Any) -> None:
 
     node.create_service(Trigger, "slow", answer, callback_group=ReentrantCallbackGroup())
     client = node.create_client(Trigger, "slow")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     future = client.call_async(Trigger.Request())
     spinner.rest()
     assert not future.done()
@@ -109,7 +109,7 @@ def test_await_a_call_in_a_callback(node: Any, spinner: Any) -> None:
         timer.cancel()
         results.append(await client.call_async(SetBool.Request(data=False)))
 
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     timer = node.create_timer(0.01, ask, callback_group=ReentrantCallbackGroup())
     assert spinner.until(lambda: results)
     assert results[0].success
@@ -118,7 +118,7 @@ def test_await_a_call_in_a_callback(node: Any, spinner: Any) -> None:
 def test_removed_request_is_forgotten(node: Any, spinner: Any) -> None:
     node.create_service(Trigger, "late", lambda request, response: response)
     client = node.create_client(Trigger, "late")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     future = client.call_async(Trigger.Request())
     client.remove_pending_request(future)
     spinner.rest()
@@ -130,7 +130,7 @@ def test_availability_follows_the_server(node: Any, wait_until: Any) -> None:
     assert not client.service_is_ready()
     assert not client.wait_for_service(0.02)
     service = node.create_service(Trigger, "comes_and_goes", lambda request, response: response)
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
     node.destroy_service(service)
     assert wait_until(lambda: not client.service_is_ready())
 
@@ -146,7 +146,7 @@ def test_server_dies_mid_call(node: Any, spinner: Any, run_program: Any) -> None
     client = node.create_client(Trigger, "dies")
     server = run_program(SERVER)
     assert server.line() == "ready"
-    assert client.wait_for_service(10)
+    assert client.wait_for_service(120)
     future = client.call_async(Trigger.Request())
     assert server.line() == "called"
     spinner.rest()
@@ -174,10 +174,11 @@ def test_wrong_types(node: Any) -> None:
 def test_callback_that_returns_nothing_raises(node: Any, spinner: Any) -> None:
     node.create_service(Trigger, "silent", lambda request, response: None)
     client = node.create_client(Trigger, "silent")
-    assert client.wait_for_service(5)
+    assert client.wait_for_service(120)
+    assert client.wait_for_service(120)
     client.call_async(Trigger.Request())
     with pytest.raises(TypeError):
-        spinner.rest(100)
+        spinner.until(lambda: False)
 
 
 def test_names(node: Any) -> None:

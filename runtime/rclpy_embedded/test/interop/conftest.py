@@ -56,5 +56,5 @@ def start(run_program: Callable[..., Any], capfd: pytest.CaptureFixture[str]) ->
     # Peers that say goodbye: genuine writers wait 10 s for those that do not.
     for program in programs:
         program.process.terminate()
-        program.process.wait(20)
+        program.process.wait(240)
     assert not re.search("WARN|ERROR|FATAL", capfd.readouterr().err)

@@ -69,12 +69,12 @@ def test_command_line_tools_see_the_same(start: Any, tmp_path: Path) -> None:
             words = [word.replace("\0", " ") for word in words]
             if command in COMMANDS:
                 words[2:2] = ["--no-daemon", "--spin-time", "2"]
-            done = subprocess.run(["ros2", *words], capture_output=True, text=True, timeout=60)
+            done = subprocess.run(["ros2", *words], capture_output=True, text=True, timeout=240)
             seen[-1][command] = re.sub("GID: .*", "", done.stdout) + done.stderr
         peer.process.terminate()
         _, _, errors = peer.finish()
         assert "heard x" in errors and len(errors.splitlines()) == 1
         # Some of the tools start it.
-        subprocess.run(["ros2", "daemon", "stop"], capture_output=True, check=True, timeout=60)
+        subprocess.run(["ros2", "daemon", "stop"], capture_output=True, check=True, timeout=240)
     assert seen[0] == seen[1]
     assert "/far/status: std_msgs/msg/String" in seen[0]["node info /far/sample"]

@@ -108,7 +108,7 @@ def test_large_message(node: Any, spinner: Any, start: Any, megabytes: int) -> N
     assert spinner.until(lambda: publisher.get_subscription_count() == 1 and node.count_publishers("back_0") == 1)
     data = random.Random(1).randbytes(megabytes << 20)
     publisher.publish(UInt8MultiArray(data=data))
-    assert spinner.until(lambda: got, 30)
+    assert spinner.until(lambda: got)
     assert bytes(got[0].data) == data
 
 
@@ -155,7 +155,7 @@ def test_all_qos_pairs(node: Any, spinner: Any, start: Any) -> None:
             wanted,
             event_callbacks=callbacks(SubscriptionEventCallbacks, f"from {pair}"),
         )
-    assert spinner.until(lambda: len(matched) + len(refused) == 32, 30), (matched, refused)
+    assert spinner.until(lambda: len(matched) + len(refused) == 32), (matched, refused)
     assert refused == {f"{way} {pair}": kind for pair, kind in misfits.items() for way in ("to", "from")}
     # What the peer sent before anyone listened arrives where both are transient local (of reliable ones).
     assert spinner.until(lambda: "0_0" in heard)

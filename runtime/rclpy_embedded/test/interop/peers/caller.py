@@ -7,7 +7,7 @@ from std_srvs.srv import SetBool
 
 
 def wait(future):
-    rclpy.spin_until_future_complete(node, future, timeout_sec=20)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=120)
     return future.result()
 
 
@@ -15,11 +15,11 @@ rclpy.init()
 node = rclpy.create_node("caller")
 print("ready", flush=True)
 client = node.create_client(SetBool, "/invert")
-assert client.wait_for_service(20)
+assert client.wait_for_service(120)
 futures = [client.call_async(SetBool.Request(data=bool(number % 3))) for number in range(9)]
 print([wait(future).success for future in futures], flush=True)
 parameters = AsyncParameterClient(node, "/far/sample")
-assert parameters.wait_for_services(20)
+assert parameters.wait_for_services(120)
 changes = [Parameter("gain", value=2.5), Parameter("gain", value=2.6), Parameter("name", value="x")]
 for ask in (
     lambda: parameters.list_parameters([], 0),

@@ -1,4 +1,4 @@
-"""The nonlinear problem solved to convergence by a cold IPOPT: the oracle of tests and offline studies."""
+"""The nonlinear problem solved to convergence by a cold IPOPT: the oracle of tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from fsw_model import ModelParameters
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector
-from fsw_nmpc.prediction import prediction_function, start_vector
+from fsw_test_support.nmpc_prediction import prediction_function, start_vector
 
 _LONGEST_ITERATIONS = 500
 

@@ -1,0 +1,90 @@
+"""What is refused before it is sent, with the reason."""
+
+import pytest
+
+from fsw_control.parameters import defaults, load
+from fsw_hmi.limits import REFERENCE, beyond_trip, reference
+from fsw_hmi.refusals import Known, why_not
+from fsw_hmi.requests import ACTIONS, read
+from fsw_schema.models import InputError
+
+TRIPS = defaults(load("fsw_supervisor", "supervisor.yaml"))
+STATE = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
+STATE |= {"acknowledged": False, "controllers": [{"inhibited": False}]}
+REPLACED = STATE | {"actual_controller": "decentral"}
+INHIBITED = STATE | {"controllers": [{"inhibited": True}]}
+STOPPED = STATE | {"actual_mode": "safe_stop", "target_mode": "safe_stop", "actual_controller": ""}
+RUNNING, LEFT = {"state": "running", "left": False}, {"state": "running", "left": True}
+POINTS = {"depth_mm": 2.7, "temperature_c": 820.0}
+
+
+@pytest.mark.parametrize(
+    ("do", "content", "known", "told"),
+    [
+        ("set_reference", POINTS, {}, ""),
+        ("set_reference", POINTS, {"depth_mm": 2.7, "temperature_c": 819.0}, ""),
+        ("set_reference", POINTS, POINTS, "these set-points are in force already"),
+        ("set_reference", POINTS, {"progress": LEFT}, ""),
+        ("set_reference", POINTS, {"progress": RUNNING}, "the programme of the weld runs and would override it: hold"),
+        ("set_reference", POINTS | {"depth_mm": 3.7}, {"interlocks": TRIPS}, "depth 3.7 mm would trip the interlock"),
+        ("switch", {"controller": "nmpc"}, {"state": STATE}, "nmpc commands already"),
+        ("switch", {"controller": "nmpc"}, {}, ""),
+        ("switch", {"controller": "nmpc"}, {"state": REPLACED}, ""),
+        ("switch", {"controller": "decentral"}, {"state": REPLACED}, ""),  # selects it, too
+        ("mode", {"mode": "auto"}, {"state": STATE}, "the mode is auto already"),
+        ("mode", {"mode": "auto"}, {"state": INHIBITED}, ""),  # readmits it
+        ("mode", {"mode": "auto"}, {"state": STOPPED}, ""),
+        ("mode", {"mode": "hold"}, {"state": STATE | {"actual_mode": "hold", "target_mode": "hold"}}, ""),  # lasts anew
+        ("acknowledge_stop", {}, {"state": STATE}, "there is no safe stop to acknowledge"),
+        ("acknowledge_stop", {}, {"state": STOPPED}, ""),
+        ("acknowledge_stop", {}, {"state": STOPPED | {"acknowledged": True}}, "the safe stop is acknowledged already"),
+    ],
+)
+def test_what_would_change_nothing_or_trip_is_refused(do, content, known, told):
+    found = why_not(read(do, content), Known(**known))
+    assert found.startswith(told) and bool(found) == bool(told)
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.parametrize("state", [None, STATE, STOPPED, STOPPED | {"acknowledged": True}])
+def test_safe_stop_is_never_refused(state):
+    assert why_not(ACTIONS["safe_stop"](), Known(state, RUNNING, 2.66, 816.4, TRIPS)) == ""
+
+
+@pytest.mark.parametrize(
+    ("do", "content"),
+    [
+        ("disturb", {"channel": "depth", "shape": "step", "amplitude": 0}),
+        ("disturb", {"channel": "torque", "shape": "pulse", "amplitude": -0.0, "duration_s": 1}),
+        ("fault", {"sensor": "torque", "kind": "bias", "magnitude": 0}),
+        ("fault", {"sensor": "depth", "kind": "spike"}),
+    ],
+)
+def test_disturbance_of_nothing_is_refused(do, content):
+    with pytest.raises(InputError, match="= 0 has no effect; 'none' ends a"):
+        read(do, content)
+    read(do, content | ({"shape": "none"} if do == "disturb" else {"kind": "none"}))
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "temperature_c", "told"),
+    [
+        (2.66, 850.0, ""),
+        (3.69, 850.0, ""),
+        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
+        (2.66, 790.0, "temperature 790 °C would trip the interlock: not below 790 °C, nor at it"),
+        (2.66, 911.0, "temperature 911 °C would trip the interlock: not above 910 °C, nor at it"),
+    ],
+)
+def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
+    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, TRIPS) == told
+    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, {}) == ""
+
+
+def test_form_has_the_limits_by_which_the_server_judges():
+    assert reference({}) == REFERENCE
+    found = reference(TRIPS)
+    assert (found["depth_mm"][1], found["temperature_c"]) == (min(3.69, REFERENCE["depth_mm"][1]), [790.1, 909.9])
+    for depth_mm, temperature_c in zip(found["depth_mm"], found["temperature_c"], strict=True):
+        points = read("set_reference", {"depth_mm": depth_mm, "temperature_c": temperature_c})
+        assert why_not(points, Known(interlocks=TRIPS)) == ""
