@@ -96,9 +96,10 @@ class Elements:
         down = fine_m - _growing(fine_m + 1e-3 * p.tube_mm, h)
         lines = [down, np.array([-1e-3 * p.clamp_from_mm, -1e-3 * p.clamp_to_mm])]
         lines += [_even(a, b, h) for a, b in pairwise(sorted({fine_m, *plate, 0.0, self.rim_m}))]
-        inward = self.inner_m - _growing(self.inner_m, h)[1:] if self._has_plate else np.array([])
-        r = np.concatenate([inward[::-1], _even(self.inner_m, self.outer_m, h)])
-        return r, np.unique(np.round(np.concatenate(lines), 7))
+        r = _even(self.inner_m, self.outer_m, h)
+        if self._has_plate:
+            r = np.concatenate([(self.inner_m - _growing(self.inner_m, h))[::-1], r])
+        return np.unique(np.round(r, 7)), np.unique(np.round(np.concatenate(lines), 7))
 
     def _assemble(self) -> None:
         from skfem import BilinearForm, FacetBasis

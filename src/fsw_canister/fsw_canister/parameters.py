@@ -13,18 +13,9 @@ from fsw_schema.ranges import Range
 
 #: of :class:`CanisterParameters`: all that the finite elements and the projection depend on; the rest is free after it
 SHAPE = (
-    *(
-        "shape",
-        "outer_radius_mm",
-        "wall_mm",
-        "rim_mm",
-        "lid_mm",
-        "lid_from_mm",
-        "tube_mm",
-        "probe_radius_mm",
-        "probe_length_mm",
-    ),
-    *("shoulder_radius_mm", "clamp_from_mm", "clamp_to_mm", "lowest_mm", "element_mm", "modes"),
+    *("shape", "outer_radius_mm", "wall_mm", "rim_mm", "lid_mm", "lid_from_mm", "tube_mm"),
+    *("probe_radius_mm", "probe_length_mm", "shoulder_radius_mm", "clamp_from_mm", "clamp_to_mm", "lowest_mm"),
+    *("element_mm", "modes"),
 )
 _ZERO_C = 273.15
 _STEFAN_BOLTZMANN = 5.670374e-8
@@ -44,18 +35,19 @@ class CanisterParameters(Model):
     """Height of the lid's rim above the joint line, the edge that heat does not pass: 60 mm above the start line."""
     lid_mm: Annotated[float, Range(0.0, 500.0, "mm")] = 50.0
     """Thickness of the lid's plate; 0 for none."""
-    lid_from_mm: Annotated[float, Range(-500.0, 500.0, "mm")] = 0.0
-    """Lower face of the lid's plate, above the joint line."""
+    lid_from_mm: Annotated[float, Range(-500.0, 500.0, "mm")] = 35.0
+    """Lower face of the lid's plate above the joint line; there the shoulder just passes below it."""
     tube_mm: Annotated[float, Range(100.0, 10000.0, "mm")] = 2000.0
     """Length of the tube below the joint line that is computed, with an insulated end."""
-    probe_radius_mm: Annotated[float, Range(1.0, 100.0, "mm")] = 25.0
-    """Radius within which the probe's heat is made, evenly, and at whose rim the stir zone's temperature is taken."""
+    probe_radius_mm: Annotated[float, Range(1.0, 100.0, "mm")] = 15.0
+    """Radius within which the probe's heat is made, evenly, and at whose rim the stir zone's temperature is taken; that
+    of the contact at zero depth, paper (21)."""
     probe_length_mm: Annotated[float, Range(1.0, 500.0, "mm")] = 50.0
     """Length of the probe, from the outer surface inwards; paper."""
     shoulder_radius_mm: Annotated[float, Range(2.0, 200.0, "mm")] = 35.0
     """Radius of the shoulder; paper. Its heat is made between this and the probe's radius, in proportion to r."""
-    shoulder_share: Annotated[float, Range(0.0, 1.0, "")] = 0.2
-    """Share of the heat into the copper that the shoulder makes: that of the torque at an even shear stress."""
+    shoulder_share: Annotated[float, Range(0.0, 1.0, "")] = 0.77
+    """Share of the heat into the copper that the shoulder makes: its share of G at the operating point, paper (22)."""
     tool_share: Annotated[float, Range(0.0, 0.9, "")] = 0.05
     """Share of the power that goes into tool and machine."""
     conductivity_w_per_m_k: Annotated[float, Range(1.0, 2000.0, "W/(m K)")] = 371.0
@@ -84,9 +76,9 @@ class CanisterParameters(Model):
     """Temperature of air, clamp and cold canister."""
     lowest_mm: Annotated[float, Range(-1000.0, 0.0, "mm")] = -30.0
     """Lowest position of the tool, relative to the joint line; the highest is where the shoulder meets the edge."""
-    element_mm: Annotated[float, Range(0.5, 50.0, "mm")] = 10.0
+    element_mm: Annotated[float, Range(0.5, 50.0, "mm")] = 7.5
     """Size of the quadratic finite elements where the tool passes; they grow away from there."""
-    modes: Annotated[Whole, Range(8, 2000, "")] = 128
+    modes: Annotated[Whole, Range(8, 2000, "")] = 160
     """Fourier modes around the circumference."""
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 #: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
-_TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.2}
+_TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
 #: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left out
 _SHIFTS_PER_S = (1e-4, 4e-4, 1.6e-3, 6.4e-3, 0.0256, 0.1, 0.4, 1.6, 6.4)
 _SLOWER = 0.1

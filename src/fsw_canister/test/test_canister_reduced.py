@@ -38,11 +38,11 @@ def test_heat_in_is_heat_stored_and_lost(canister: ReducedCanister) -> None:
 
 def test_a_canister_of_one_temperature_stays_so_but_for_its_losses(canister: ReducedCanister) -> None:
     state = canister.initial(300.0)
-    r, angle, z = [500.0, 10.0, 525.0, 480.0], [0.0, 1.0, 3.0, -2.0], [0.0, 25.0, -1500.0, 135.0]
+    r, angle, z = [500.0, 10.0, 525.0, 480.0], [0.0, 1.0, 3.0, -2.0], [0.0, 60.0, -1500.0, 135.0]
     assert canister.temperature_c(state, r, angle, z) == pytest.approx(np.full(4, 300.0), abs=1e-6)
     assert canister.stir_zone_temperature_c(state) == pytest.approx(300.0, abs=1e-6)
     p = canister.parameters
-    area = pi * (2 * 0.525 * 2.135 + 0.525**2 + 2 * 0.475 * 0.085)
+    area = pi * (2 * 0.525 * 2.135 + 0.525**2 + 2 * 0.475 * 0.05)
     expected = 280.0 * (p.surface_w_per_m2_k * area + p.clamp_w_per_m2_k * pi * 1.05 * 0.1)
     assert canister.loss_w(state) == pytest.approx(expected, rel=1e-3)
 
