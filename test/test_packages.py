@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "fsw_canister": {"fsw_schema", "fsw_model"},
     "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_schema", "fsw_control"},
-    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},
