@@ -1,9 +1,9 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
 ``ensure()`` makes ``.venv`` in the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
-Where there is no C compiler for the controllers, one is installed as a wheel, too. When all is done already it only
-takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``)
-sees the system's packages, and the genuine rclpy is used.
+Where there is no C compiler for the controllers, or no npm for the page, one is installed as a wheel, too. When all is
+done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second
+environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
 import fcntl
@@ -56,6 +56,8 @@ def ensure(dev=False, oldest=False, extras=()):
     names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
+    if "hmi" in extras and not shutil.which("npm"):  # brings what draws the trends of the page
+        names = (*names, "node.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
     if not _is_ready(home, locks):
         with open(home.with_suffix(".lock"), "w") as turn:

@@ -16,10 +16,10 @@ from fsw_control.free_domain import free_domain
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import load
+from fsw_test_support.waiting import PATIENCE_S
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
-TIMEOUT_S = 30.0
 
 
 @pytest.mark.parametrize(
@@ -29,15 +29,15 @@ TIMEOUT_S = 30.0
 )
 def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     scenario = load("reference_tracking")
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         player = graph.start(launcher)
-        launcher.wait_until(lambda: player.status().get("tick", 0) >= 100, 120.0, "a hundred ticks")
+        launcher.wait_until(lambda: player.status().get("tick", 0) >= 100, PATIENCE_S, "a hundred ticks")
         for child in launcher.children.values():
             for sign in signs:
                 child.process.send_signal(sign)
         for child in launcher.children.values():
-            child.process.wait(TIMEOUT_S)
+            child.process.wait(PATIENCE_S)
         for name in NODES:
             child = launcher.children[name]
             assert child.process.returncode == 0, (name, child.text())
@@ -50,7 +50,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
 
 
 def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(load("reference_tracking"), tmp_path / "weld")
         began = []
 
@@ -85,53 +85,53 @@ def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
         demo = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE)
     status = out / "reference_tracking" / "decentral" / "log" / "scenario.status"
     try:
-        end = time.monotonic() + TIMEOUT_S
+        end = time.monotonic() + PATIENCE_S
         while not status.exists():
             assert time.monotonic() < end, "the weld has not begun"
             with pytest.raises(subprocess.TimeoutExpired):
                 demo.wait(0.05)
         assert len(processes_with(str(out))) > 4
         demo.send_signal(sign)
-        assert demo.wait(TIMEOUT_S) == code
+        assert demo.wait(PATIENCE_S) == code
     finally:
         demo.kill()
         demo.wait()
     for pid in processes_with(str(out)):
         with suppress(ProcessLookupError):
-            assert select.select([os.pidfd_open(pid)], [], [], TIMEOUT_S)[0], f"process {pid} has not ended"
+            assert select.select([os.pidfd_open(pid)], [], [], PATIENCE_S)[0], f"process {pid} has not ended"
     assert not processes_with(str(out))
 
 
 def test_player_alone_gives_up_with_one_clear_line(tmp_path):
-    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         player = launcher.start(
             "player", "fsw_scenario.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
         )
-        player.process.wait(TIMEOUT_S)
+        player.process.wait(PATIENCE_S)
         assert player.process.returncode == 1
         assert "no 1 controllers listening for 1 s" in player.text()
 
 
 def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
     arguments = ["quick", "--ros-args", "-p", "silence_timeout_s:=3.0"]
-    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         launcher.start("supervisor", "fsw_supervisor.supervisor_node")
         launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
         launcher.wait_for_text("supervisor", "role: active")
         player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
         launcher.wait_for_text("recorder", "subscribed to /fsw/reference")
-        player.process.wait(TIMEOUT_S)
+        player.process.wait(PATIENCE_S)
         assert "no 1 controllers listening for 3 s" in player.text()
 
 
 def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
-    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         launcher.start("decentral", "fsw_decentral.decentral_node")
         launcher.start("first", "fsw_scenario.scenario_node", ["quick"])
         launcher.wait_for_text("first", "playing quick")
         arguments = ["reference_tracking", "--ros-args", "-p", "silence_timeout_s:=3.0"]
         second = launcher.start("second", "fsw_scenario.scenario_node", arguments)
-        second.process.wait(TIMEOUT_S)
+        second.process.wait(PATIENCE_S)
         assert second.process.returncode == 1
         assert "another scenario player there for 3 s" in second.text()
         assert "playing" not in second.text()
@@ -146,9 +146,9 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
     ],
 )
 def test_player_with_bad_input(arguments, words, tmp_path):
-    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
-        player.process.wait(TIMEOUT_S)
+        player.process.wait(PATIENCE_S)
         assert player.process.returncode == 2
         assert words in player.text()
         assert player.text().count("\n") == 1

@@ -11,6 +11,7 @@ from fsw_scenario.controllers import make
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
+from fsw_test_support.waiting import PATIENCE_S
 
 CLOSED = """
 name: everything
@@ -119,7 +120,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
     path.write_text(text)
     scenario = load(path)
     shares = []
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+    with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         elapsed_s = graph.run(launcher, shares.append)
     recorded = load_weld(graph.bag)
@@ -143,7 +144,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
             getattr(there.truth, name), getattr(here.truth, name), rtol=0.0, atol=1e-9, err_msg=f"truth {name}"
         )
     assert shares == sorted(shares)
-    assert 0.0 < elapsed_s < 60.0
+    assert elapsed_s > 0.0
 
 
 def test_the_courses_of_force_and_speed_are_not_trivial(tmp_path):

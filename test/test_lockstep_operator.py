@@ -9,6 +9,7 @@ from fsw_control.free_domain import free_domain
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
+from fsw_test_support.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +19,7 @@ def graph(tmp_path_factory):
     scenario = load("quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"])
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
-        launcher.wait_for_text("supervisor", "controller decentral is ready", 60.0)
+        launcher.wait_for_text("supervisor", "controller decentral is ready", PATIENCE_S)
         yield domain
         launcher.check()
 
@@ -113,8 +114,8 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
             ("plant", "fsw_plant.plant_node"),
         ):
             launcher.start(name, module)
-        launcher.wait_for_text("supervisor", "role: active", 60.0)
-        end_s = time.monotonic() + 30.0
+        launcher.wait_for_text("supervisor", "role: active", PATIENCE_S)
+        end_s = time.monotonic() + PATIENCE_S
         printed = ""
         while "no set-point yet" not in printed:
             assert time.monotonic() < end_s, printed
@@ -123,6 +124,6 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
         assert "hold, no controller: starting: waiting for decentral: no set-point yet" in printed
         assert "set-points none yet" in " ".join(printed.split())
         assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "20"]) == 0
-        launcher.wait_for_text("supervisor", "start -> auto", 30.0)
+        launcher.wait_for_text("supervisor", "start -> auto", PATIENCE_S)
         assert main(["status", "--timeout", "20"]) == 0
         assert "auto, decentral" in capsys.readouterr().out

@@ -105,6 +105,22 @@ def fsw(capsys, *arguments):
     return capsys.readouterr().out
 
 
+def obeyed(weld, capsys, condition, *arguments):
+    """Ask until a condition holds: where the machine stands still, a request is refused or lost with its leader."""
+    while not condition():
+        main([*arguments, "--timeout", "20"])
+        capsys.readouterr()
+        goal = len(weld.commands) + 20
+        weld.until(lambda goal=goal: condition() or len(weld.commands) > goal, " ".join(arguments))
+
+
+def set_depth(weld, capsys, depth_mm):
+    """Ask for a depth until all follow it."""
+    names = ("decentral", "nmpc", "supervisor")
+    followed = dict.fromkeys(names, depth_mm)
+    obeyed(weld, capsys, lambda: weld.depths() == followed, "reference", "--depth", str(depth_mm))
+
+
 def assert_stays(weld, capsys, depth_mm):
     """All follow one depth, and go on doing so."""
     weld.ticks(10)
@@ -116,11 +132,9 @@ def assert_stays(weld, capsys, depth_mm):
 def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=False)
     weld.restart("nmpc", 2.7)
-    fsw(capsys, "switch", "nmpc", "--wait", "20")
-    weld.until(lambda: weld.commands[-1].source == "nmpc", "nmpc in command")
+    obeyed(weld, capsys, lambda: weld.commands[-1].source == "nmpc", "switch", "nmpc", "--wait", "20")
     assert "set-point 2.7 mm" in fsw(capsys, "status")
-    fsw(capsys, "reference", "--depth", "2.72")
-    weld.until_all_follow(2.72)
+    set_depth(weld, capsys, 2.72)
     weld.restart("decentral", 2.72)
     assert_stays(weld, capsys, 2.72)
 
@@ -129,8 +143,7 @@ def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_
 def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
     """Without a standby: the sender of the set-point has left, only the controllers know it."""
     weld = make_weld(standby=False)
-    fsw(capsys, "reference", "--depth", "2.72")
-    weld.until_all_follow(2.72)
+    set_depth(weld, capsys, 2.72)
     weld.restart("supervisor", 2.72)
     assert_stays(weld, capsys, 2.72)
 
@@ -139,8 +152,7 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
 def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=True)
     weld.until(lambda: weld.role("standby") == "standby", "the standby")
-    fsw(capsys, "reference", "--depth", "2.72")
-    weld.until_all_follow(2.72)
+    set_depth(weld, capsys, 2.72)
     for dies, takes_over in (("supervisor", "standby"), ("standby", "supervisor")):
         weld.kill(dies)
         weld.until(lambda name=takes_over: weld.role(name) == "active", "the takeover")
@@ -155,8 +167,7 @@ def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_we
 def test_a_safe_stop_outlives_all_supervisors(make_weld, capsys):
     weld = make_weld(standby=True)
     weld.until(lambda: weld.role("standby") == "standby", "the standby")
-    fsw(capsys, "mode", "safe_stop")
-    weld.until(lambda: weld.commands[-1].source == "safe_stop", "the safe stop")
+    obeyed(weld, capsys, lambda: weld.commands[-1].source == "safe_stop", "mode", "safe_stop")
     for name in ("supervisor", "standby"):
         weld.kill(name)
     before = len(weld.commands)

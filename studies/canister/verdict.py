@@ -39,7 +39,7 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
     pushed = (signals.force_kn < weld.FORCE_MIN_KN + _NEAR_KN) | (signals.force_kn > weld.FORCE_MAX_KN - _NEAR_KN)
     time_s = np.arange(1, signals.n_ticks + 1) * TICK_S
     for phase, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S):
-        inside = (time_s > begin_s + 1e-6) & (time_s <= end_s + 1e-6)
+        inside = (time_s > begin_s - 1e-6) & (time_s < end_s - 1e-6)  # a set-point at a boundary is of the later one
         if not inside.any():
             continue
         outside_s = float(outside[inside].sum() * TICK_S)

@@ -160,6 +160,8 @@ class Weld(Spinner):
             settings.append("use_sim_time:=true")
         if name in SUPERVISORS:
             settings += ["fallbacks:=[decentral, nmpc]", "storm_swaps:=0", "readmit_ticks:=10"]
+            # the times of a machine that may stand still meanwhile
+            settings += ["takeover_wait_s:=2.0", "lockstep_deadline_s:=5.0"]
         if name == "standby":
             settings.append("standby:=true")
             remaps.append("__node:=fsw_supervisor_standby")

@@ -5,11 +5,24 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi import npm
 from fsw_test_support.browser import CHROMIUM, chromium
+from fsw_test_support.uplot import uplot
+
+__all__ = ["uplot"]
 
 #: for conditions that come at once on an idle machine
 PATIENCE_MS = 45_000
 expect.set_options(timeout=PATIENCE_MS)
+
+
+@pytest.fixture(scope="session")
+def axe():
+    """The script of axe-core; without npm or its registry the tests that need it are skipped."""
+    try:
+        return (npm.install(npm.OWN) / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+    except npm.NpmError as error:
+        pytest.skip(f"axe-core: {error}")
 
 
 @pytest.fixture(scope="session")

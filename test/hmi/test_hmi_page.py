@@ -4,12 +4,11 @@ import re
 import time
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import TOKEN, FakeHmi, sample_alarms, sample_bag
-from fsw_test_support.page_boxes import faults
+from fsw_test_support.page_boxes import faults, places
 
 #: phone, tablet upright and across, panel computer, control room
 SIZES = [(390, 844), (768, 1024), (1024, 768), (1280, 800), (1920, 1080)]
@@ -99,7 +98,7 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     expect(page.locator(".alarm", has_text="first out")).to_contain_text("Temperature above")
     expect(page.locator("#announce-alarms")).to_contain_text("high alarm: Depth sensor invalid")
     shot(page, "alarms")
-    press(page, "Acknowledge: Depth sensor invalid: frozen")
+    press(page, "Ack: Depth sensor invalid: frozen")
     expect(page.locator("#actions .answer")).to_have_text("✓ Acknowledge alarm: done")
     assert fake.requests[-1]["ids"] == ["depth:stale"]
 
@@ -112,6 +111,7 @@ def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_pag
     expect(page.locator(".reach")).to_have_text("✓ Commands reach the machine")
     expect(page.locator(".alarm", has_text="Depth sensor")).to_contain_text("3 times")
     expect(page.get_by_role("button", name="Shelve: Depth sensor")).to_have_count(0)  # of high priority
+    page.locator("summary", has_text="Temperature above 900 °C").click()
     press(page, "Shelve: Temperature above 900 °C")
     page.get_by_label("20 min").check()
     page.get_by_label("Why").fill("set-point is being lowered")
@@ -119,7 +119,7 @@ def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_pag
     expect(page.locator("#actions .answer")).to_have_text("✓ Shelve an alarm: done")
     asked = {"alarm": "temperature_high:warn", "minutes": 20, "reason": "set-point is being lowered"}
     assert fake.requests[-1] == fake.requests[-1] | asked | {"do": "shelve"}
-    press(page, "Take back: x no longer reports")
+    press(page, "Back: x no longer reports")
     expect(page.locator("#actions .answer")).to_have_text("✓ Take an alarm back: done")
     assert fake.requests[-1]["alarm"] == "node:x"
 
@@ -185,7 +185,7 @@ def test_set_points_show_from_to_and_ramp_before_they_are_sent(fake, open_page):
     in_control(page)
     press(page, "Set-points")
     page.locator("dialog").get_by_label("Temperature").fill("826.4")
-    expect(page.locator(".summary")).to_contain_text("temperature 816.4 → 826.4 °C (+10.0); ramp of 0:10")
+    expect(page.locator(".summary")).to_have_text("Temperature 816.4 → 826.4 °C (+10.0), by a ramp of 10 s")
     shot(page, "set_points")
     press(page, "Apply set-points")
     expect(page.locator("dialog")).to_have_count(0)
@@ -252,14 +252,14 @@ def test_no_emulator_no_disturbances(fake, open_page):
 
 
 @pytest.mark.parametrize("size", SIZES, ids="{0[0]}x{0[1]}".format)
-def test_everything_fits_the_screen_and_the_finger(fake, open_page, size):
+def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
     fake.state["reason"] = (
         "nmpc answered late 3 times in a row, decentral took over; nmpc is inhibited until it is chosen"
     )
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url, *size)
-    expect(page.locator(".alarm")).to_have_count(5)
+    expect(page.locator(".alarm")).to_have_count(7)
     until(page, "document.querySelectorAll('.plot canvas').length === 4")
     is_phone = size[0] < 700
 
@@ -278,6 +278,117 @@ def test_everything_fits_the_screen_and_the_finger(fake, open_page, size):
     assert settled(page, measured) == {}
 
 
+VISIBLE_ALARMS = """[...document.querySelectorAll(".alarm")].filter((one) => {
+    const [box, list] = [one.getBoundingClientRect(), one.closest(".scroll").getBoundingClientRect()];
+    return box.top >= list.top - 1 && box.bottom <= list.bottom + 1;
+}).length"""
+
+
+def test_six_alarms_are_in_view_on_a_panel_computer(fake, open_page):
+    fake.alarms = sample_alarms(time.time())
+    page = open_page(fake.url, 1280, 800)
+    expect(page.locator(".alarm")).to_have_count(7)
+    assert page.evaluate(VISIBLE_ALARMS) >= 6
+    expect(page.locator(".alarm details[open]")).to_have_count(1)
+    expect(page.locator(".alarm").first).to_contain_text("→ Check the sensor")
+    page.locator("summary", has_text="decentral commands").click()
+    expect(page.locator(".alarm details[open]")).to_contain_text("decentral commands in place of nmpc")
+    gone = page.locator(".alarm.cleared .what")
+    assert gone.bounding_box()["height"] < 25  # one line
+
+
+@pytest.mark.parametrize("size", SIZES[1:], ids="{0[0]}x{0[1]}".format)
+def test_nothing_moves_when_a_state_changes(fake, open_page, size):
+    page = ready(open_page(fake.url, *size))
+    page.evaluate("document.fonts.ready")
+    before = places(page)
+
+    def moved():
+        return {name: (box, before.get(name)) for name, box in places(page).items() if box != before.get(name)}
+
+    fake.state.update(
+        reason="decentral commands because nmpc was late 3 times in a row; nmpc stays inhibited until mode auto "
+        "readmits it, which nobody has chosen yet in this weld on the canister",
+        actual_controller="decentral",
+    )
+    fake.alarms = sample_alarms(time.time())
+    fake.depth_offset_mm = 1.2
+    fake.push()
+    expect(page.locator("#value-depth_mm .flag")).to_have_text("■ beyond trip, high")
+    expect(page.locator("#who .detail")).to_contain_text("inhibited")
+    assert settled(page, moved) == {}
+    in_control(page)
+    page.locator("summary", has_text="decentral commands").click()
+    assert settled(page, moved) == {}
+    page.locator("#safe-stop").click()
+    expect(page.locator("#progress strong")).to_contain_text("Stopp")
+    assert settled(page, moved) == {}
+    fake.stop()
+    expect(page.locator("#safe-stop")).to_be_disabled()
+    assert settled(page, moved) == {}
+
+
+def test_without_control_alarms_and_commands_are_disabled_and_say_why(fake, open_page):
+    fake.alarms = sample_alarms(time.time())
+    page = open_page(fake.url)
+    log_in(page)
+    for name in ("Ack: Depth sensor invalid: frozen", "Ack all", "Set-points", "Abort weld", "Disturb"):
+        button = page.get_by_role("button", name=name, exact=True)
+        expect(button).to_be_disabled()
+        expect(button).to_have_attribute("title", "Take control to command.")
+    expect(page.locator(".reach")).to_contain_text("Ack and Shelve need control.")
+    press(page, "Take control")
+    expect(page.get_by_role("button", name="Ack all")).to_be_enabled()
+    expect(page.get_by_role("button", name="Set-points")).to_have_attribute("title", "")
+    stop = page.get_by_role("button", name="Acknowledge stop")
+    expect(stop).to_be_disabled()
+    expect(stop).to_have_attribute("title", "There is no safe stop to acknowledge.")
+
+
+@pytest.mark.requirement("S18")
+def test_control_lost_by_a_restart_of_the_server_is_told_and_closes_the_form(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    press(page, "Set-points")
+    expect(page.locator("form")).to_be_visible()
+    fake.stop()
+    again = FakeHmi(port=fake.port).start()
+    try:
+        expect(page.locator(".control")).to_have_text(
+            "Nobody has control. Take control to command. Control was lost with the connection to the server."
+        )
+        expect(page.locator(".control")).to_have_attribute("data-level", "medium")
+        expect(page.locator("form")).to_have_count(0)
+        press(page, "Take control")
+        expect(page.locator(".control")).to_have_text("Anna (you) has control.")
+    finally:
+        again.stop()
+
+
+def test_form_holds_what_may_be_sent_only(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    form, confirm = page.locator("dialog"), page.locator("dialog button[type=submit]")
+    press(page, "Disturb")
+    expect(form.locator(".summary")).to_have_text("Amplitude 0 would change nothing.")
+    expect(confirm).to_be_disabled()
+    form.get_by_label("Shape").select_option("ramp")
+    form.get_by_label("Amplitude").fill("0.1")
+    expect(form.locator(".summary")).to_have_text("depth: by 0.1 mm within 10 s")
+    expect(confirm).to_be_enabled()
+    press(page, "Fault")
+    form.get_by_label("Fault").select_option("bias")
+    expect(confirm).to_be_disabled()
+    press(page, "Set-points")
+    expect(form.locator(".summary")).to_have_text("These are the set-points in force.")
+    form.get_by_label("Depth").fill("3.7")  # a trip
+    expect(confirm).to_be_disabled()
+    expect(form.locator("label", has_text="Depth")).to_contain_text("1.5 to 3.69 mm")
+    form.get_by_label("Depth").fill("")
+    expect(form.locator(".summary")).to_have_text("Depth and temperature are both needed.")
+    assert fake.requests[-1]["do"] == "take_control"
+
+
 def test_programme_and_set_points_in_force_are_side_by_side(fake, open_page):
     page = ready(open_page(fake.url))
     expect(page.locator("#value-temperature_c .plan")).to_have_text("= programme 816.4")
@@ -293,7 +404,7 @@ DRAWN_AHEAD = """[...document.querySelectorAll(".plot canvas")].map((one) => {
 })"""
 
 
-def test_resume_is_drawn_ahead_before_it_is_confirmed(fake, open_page):
+def test_resume_is_drawn_ahead_before_it_is_confirmed(fake, open_page, uplot):
     fake.progress.update(state="held", left=True, way_back_s=10.5, depth_mm=2.66, temperature_c=826.4)
     page = ready(open_page(fake.url))
     in_control(page)
@@ -329,10 +440,10 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     page = ready(open_page(fake.url))
     expect(page.locator("#map h2")).to_have_text("Weld, unrolled 143° welded, nowhere outside the limits")
     fake.depth_offset_mm = 0.3
-    expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ outside quality, high")
+    expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ off quality, high")
     fake.push()
     mark = page.locator(".exceedances button")
-    told = re.compile(r"Depth: outside quality, high, 143° to 144°, \d\d:\d\d:\d\d")
+    told = re.compile(r"Depth: off quality, high, 143° to 144°, \d\d:\d\d:\d\d")
     expect(mark).to_have_attribute("aria-label", told)
     assert page.locator(".way .medium").get_attribute("d")
     shot(page, "exceedance")
@@ -344,7 +455,7 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
 
 
 @pytest.mark.parametrize("what", ["good", "phone", "alarms", "form", "bag"])
-def test_accessible_by_axe(fake, bags, open_page, what):
+def test_accessible_by_axe(fake, bags, open_page, axe, what):
     page = open_page(bags.url if what == "bag" else fake.url, *(SIZES[0] if what == "phone" else SIZES[3]))
     if what == "bag":
         expect(page.locator("#play")).to_be_visible()
@@ -352,26 +463,27 @@ def test_accessible_by_axe(fake, bags, open_page, what):
         ready(page)
     if what == "phone":
         fake.depth_offset_mm = 0.3
-        expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ outside quality, high")
+        expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ off quality, high")
         fake.push()
         expect(page.locator(".exceedances button")).to_be_visible()
     if what == "alarms":
         fake.alarms = sample_alarms(time.time())
         fake.push()
-        expect(page.locator(".alarm")).to_have_count(5)
+        expect(page.locator(".alarm")).to_have_count(7)
     if what == "form":
         in_control(page)
         press(page, "Mode")
     page.emulate_media(reduced_motion="reduce")
+    page.evaluate(axe)
 
     def violations():
-        found = Axe().run(page).response["violations"]
+        found = page.evaluate("axe.run()")["violations"]
         return [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in found]
 
     assert settled(page, violations) == []
 
 
-def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page):
+def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):
     page = open_page(bags.url)
     expect(page.locator("#status")).to_contain_text("weld_0 and weld_1")
     page.locator("#scrub").fill("70")

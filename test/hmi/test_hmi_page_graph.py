@@ -76,7 +76,7 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
     expect(page.locator("#verdict")).to_have_attribute("data-level", "high")
     shot(page, "graph_safe_stop")
     press("Acknowledge stop")
-    expect(page.get_by_role("button", name="Acknowledge stop")).to_be_hidden()
+    expect(page.get_by_role("button", name="Acknowledge stop")).to_be_disabled()
     press("Mode")
     form.get_by_label("hold").check()
     press("Change mode")

@@ -121,7 +121,7 @@ class WeldUnderTest:
         """
         scenario = parse(self.scenario, overrides=[f"controller={self.controllers[0]}"])
         exits: list[Exit] = []
-        with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        with free_domain() as domain, Launcher(folder / "log", domain, patience_s=240.0) as launcher:
             options = {"realtime": True, "record": self.record, "standby": self.standby}
             graph = WeldGraph(scenario, folder, self.controllers, **options)
             graph.start(launcher)

@@ -16,6 +16,7 @@ from fsw_control.contract import Reference
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, WeldCommand, WeldReference
 from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.waiting import PATIENCE_S
 
 MODULES = {
     "gateway": "fsw_machine.machine_node",
@@ -82,7 +83,7 @@ class MachineWeld(Spinner):
         """End a process; a clean end has the exit code 0."""
         process = self.launcher.children[name].process
         process.send_signal(number)
-        code = process.wait(20.0)
+        code = process.wait(PATIENCE_S)
         assert number == signal.SIGKILL or code == 0, self.launcher.children[name].last_lines()
 
     def refer(self, depth_mm):

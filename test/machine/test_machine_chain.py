@@ -23,6 +23,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_test_support import machine_server
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.ros_graph import domain_id
+from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id"]
 
@@ -66,7 +67,7 @@ def chain(tmp_path_factory, shipped_text, secured):
     )
     proxy = Proxy(port)
     file = write_machine_file(folder / "machine.yaml", proxy.port, shipped_text, **parts)
-    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+    with free_domain() as domain, Launcher(folder / "log", domain, PATIENCE_S) as launcher:
         weld = MachineWeld(domain, launcher, machine, file)
         weld.proxy = proxy
         weld.start(*GRAPH)
@@ -215,7 +216,7 @@ def test_the_machines_clock_is_set(weld):
 def test_a_second_gateway_is_refused(weld):
     weld.launcher.start("second", "fsw_machine.machine_node")
     child = weld.launcher.children.pop("second")
-    assert child.process.wait(30.0) == 2 and "end it first" in child.text()
+    assert child.process.wait(PATIENCE_S) == 2 and "end it first" in child.text()
 
 
 def test_a_long_stall(weld):
@@ -253,7 +254,7 @@ def test_a_machine_file_that_is_wrong_is_refused_in_one_line(tmp_path, shipped_t
         weld = MachineWeld(domain_id, launcher, None, file)
         weld.start("gateway")
         child = launcher.children["gateway"]
-        assert child.process.wait(30.0) == 2
+        assert child.process.wait(PATIENCE_S) == 2
         text = child.text().strip()
         assert "nodes.depth.unit is 'inch'; one of mm" in text and "\n" not in text
         weld.close()

@@ -38,7 +38,7 @@ def init(
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
 ) -> None:
-    """Initialize a context (default: the global one), with signal handlers only for the global one unless asked for."""
+    """Initialize a context (default: the global one). By default only the global one gets signal handlers."""
     context = context_or_default(context)
     if signal_handler_options is None:
         is_default = context is get_default_context()
@@ -86,7 +86,7 @@ def create_node(node_name: str, **kwargs: Any) -> Node:
 
 @contextmanager
 def _holding(node: Node, executor: Executor | None, *, keep: bool = False) -> Iterator[Executor]:
-    """Add a node to an executor (default: the global one) for a while; with `keep`, one that is there stays."""
+    """Add a node to an executor (default: the global one) for a while; with `keep`, one that was there before stays."""
     executor = get_global_executor() if executor is None else executor
     added = executor.add_node(node)
     try:

@@ -22,10 +22,10 @@ _FLAG = re.compile(r"--(enable|disable)-(stdout|rosout|external-lib)-logs")
 
 @dataclass
 class Arguments:
-    """What the ROS arguments of a command line say; `remaining` are those that are not for ROS.
+    """The ROS arguments of a command line; `remaining` are all others.
 
-    `parameters` are values by parameter by pattern of a node's full name, patterns in the order first seen. Of
-    `remap_rules` the first that matches counts.
+    `parameters` has the values by parameter name for each pattern of node names, patterns in order of appearance. The
+    first of `remap_rules` that matches applies.
     """
 
     remap_rules: list[RemapRule] = field(default_factory=list)
@@ -61,7 +61,7 @@ def _add_log_level(arguments: Arguments, text: str) -> None:
         arguments.default_log_level = severity
 
 
-#: Flag with a value -> what the value is called, and what takes it.
+#: Flag with a value -> name of the value in error messages, and the function that reads it.
 _OPTIONS: dict[str, tuple[str, Callable[[Arguments, str], None]]] = {
     "--remap": ("remap rule", lambda arguments, text: arguments.remap_rules.append(RemapRule.parse(text))),
     "--param": ("parameter override rule", _add_parameter),
@@ -78,7 +78,7 @@ _OPTIONS |= {"-r": _OPTIONS["--remap"], "-p": _OPTIONS["--param"], "-e": _OPTION
 def parse(argv: Sequence[str] | None = None) -> Arguments:
     """Read a command line; None means that of the process.
 
-    ROS arguments stand between ``--ros-args`` and ``--`` or the end; there may be several such stretches. Raises
+    ROS arguments stand between ``--ros-args`` and ``--`` or the end; there may be several such sections. Raises
     RCLInvalidROSArgsError for a malformed one, UnknownROSArgsError for unknown ones.
     """
     arguments, unknown, in_ros = Arguments(), [], False

@@ -1,11 +1,11 @@
-"""Callback groups: which callbacks may be under way at the same time."""
+"""Callback groups: which callbacks may run concurrently."""
 
 import weakref
 from typing import Any
 
 
 class CallbackGroup:
-    """Base of the groups. With one thread they matter to callbacks that are coroutines."""
+    """Base class. With a single thread, groups matter only for callbacks that are coroutines."""
 
     def __init__(self) -> None:
         self.entities: set[weakref.ref[Any]] = set()
@@ -23,11 +23,11 @@ class CallbackGroup:
         return True
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Ask for permission to start the entity's callback."""
+        """Mark the entity's callback as running; return False if it must not start."""
         return True
 
     def ending_execution(self, entity: Any) -> None:
-        """Give the permission back."""
+        """Mark the entity's callback as finished."""
 
 
 class ReentrantCallbackGroup(CallbackGroup):

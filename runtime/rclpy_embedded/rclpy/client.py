@@ -13,7 +13,7 @@ _POLL_S = 0.01
 
 
 class Client(ServiceEndpoint):
-    """Sends requests; made by ``Node.create_client``."""
+    """Sends requests; created by ``Node.create_client``."""
 
     _is_server = False
 
@@ -28,7 +28,7 @@ class Client(ServiceEndpoint):
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response, None if it does not come in time.
 
-        Not for callbacks: one that waits keeps the executor from receiving the response.
+        Not for use in callbacks: there it blocks the executor, which then never receives the response.
         """
         future = self.call_async(request)
         event = threading.Event()
@@ -38,7 +38,7 @@ class Client(ServiceEndpoint):
         return future.result()
 
     def call_async(self, request: Any) -> Future:
-        """Send a request; the returned future ends with the response."""
+        """Send a request; the returned future completes with the response."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
         self._check()
@@ -83,11 +83,9 @@ class Client(ServiceEndpoint):
 
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
-        self._check()
-        self._local_node.session.check("failed to check service availability")
-        reader = self._reader
-        replies = matched_ids(reader.get_matched_publications, reader.get_matched_publication_data, "service")
-        return bool(self._reader_ids("service") & replies)
+        with self.using("failed to check service availability") as reader:
+            replies = matched_ids(reader.get_matched_publications, reader.get_matched_publication_data, "service")
+            return bool(self._reader_ids("service") & replies)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""

@@ -128,7 +128,7 @@ class Clock:
         pre_callback: Callable[[], None] | None = None,
         post_callback: Callable[[TimeJump], None] | None = None,
     ) -> JumpHandle:
-        """Have callbacks called before and after every jump that exceeds `threshold`; they must not block."""
+        """Register callbacks for before and after every jump that exceeds `threshold`; they must not block."""
         return JumpHandle(clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post_callback)
 
     def _jump(self, jump: TimeJump, change: Callable[[], None]) -> None:

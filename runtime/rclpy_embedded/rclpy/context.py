@@ -1,22 +1,24 @@
-"""A context: what happens between init and shutdown."""
+"""Contexts: everything between init and shutdown."""
 
 from __future__ import annotations
 
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from inspect import ismethod
 from types import MethodType
 from typing import Any
-from weakref import WeakMethod, WeakSet
+from weakref import WeakMethod
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.arguments import Arguments, parse
 from rclpy.impl import discovery
+from rclpy.impl.handle import WeakMembers
 from rclpy.impl.logging_output import system
 from rclpy.impl.session import Session
 
-initialized: WeakSet[Context] = WeakSet()
+initialized: WeakMembers[Context] = WeakMembers()
 _default: Context | None = None
 default_lock = threading.RLock()
 
@@ -33,8 +35,8 @@ class Context:
         self._interrupted = False
         # After a signal, executors have to report the shutdown as external.
         self._signaled = False
-        self._nodes: WeakSet[Any] = WeakSet()
-        self._wakers: WeakSet[Any] = WeakSet()
+        self._nodes: WeakMembers[Any] = WeakMembers()
+        self._wakers: WeakMembers[Any] = WeakMembers()
 
     def init(
         self, args: list[str] | None = None, *, initialize_logging: bool = True, domain_id: int | None = None
@@ -77,18 +79,18 @@ class Context:
         return self.session.domain_id
 
     def shutdown(self) -> None:
-        """Shut it down; RCLError if that was done before."""
+        """Shut it down; RCLError if it is shut down already."""
         if self._session is None:
             raise RuntimeError("Context must be initialized before it can be shutdown")
         if not self._shutdown():
             raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
 
     def try_shutdown(self) -> None:
-        """Shut it down unless that was done already."""
+        """Shut it down unless it is shut down already."""
         self._shutdown()
 
     def destroy(self) -> None:
-        """Shut it down and leave the graph, with whatever nodes are left."""
+        """Shut it down and leave the graph, even if it still has nodes."""
         self._shutdown()
         if self._session is not None:
             self._session.close()
@@ -103,12 +105,12 @@ class Context:
             if not initialized:
                 system.finish()
             callbacks, self._callbacks = self._callbacks, []
-        for entry in callbacks:
-            callback = entry() if isinstance(entry, WeakMethod) else entry
-            if callback is not None:
-                callback()
-        self._wake_all()
-        self._close_when_unused()
+        with ExitStack() as stack:  # all of it, whatever a callback raises; the last one that is added comes first
+            stack.callback(self._close_when_unused)
+            stack.callback(self._wake_all)
+            for entry in reversed(callbacks):
+                if (callback := _alive(entry)) is not None:
+                    stack.callback(callback)
         return True
 
     def _close_when_unused(self) -> None:
@@ -117,15 +119,17 @@ class Context:
             self._session.close()
 
     def _wake_all(self) -> None:
-        for waker in list(self._wakers):
+        for waker in self._wakers:
             waker.wake()
 
     def on_shutdown(self, callback: Callable[[], None]) -> None:
-        """Call `callback` at shutdown; at once if that has happened. Methods are held weakly."""
+        """Call `callback` at shutdown, or at once if it is shut down already. Methods are held weakly."""
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
             if self._session is None or not self._session.is_shut_down:
+                # Those of objects that are gone would pile up, e.g. one for each sleep.
+                self._callbacks = [entry for entry in self._callbacks if _alive(entry) is not None]
                 self._callbacks.append(WeakMethod(callback) if ismethod(callback) else callback)
                 return
         callback()
@@ -136,6 +140,10 @@ class Context:
 
     def __exit__(self, *_: Any) -> None:
         self.try_shutdown()
+
+
+def _alive(entry: WeakMethod[MethodType] | Callable[[], None]) -> Callable[[], None] | None:
+    return entry() if isinstance(entry, WeakMethod) else entry
 
 
 def get_default_context(*, shutting_down: bool = False) -> Context:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.constants import INT64_MAX
 from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
@@ -17,9 +18,9 @@ from rclpy.impl.wait_set import ConditionSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
 
-# Events are looked at when nothing else explains a wake-up, and at least this often under constant traffic.
+# Events are checked when nothing else explains a wake-up, and at least this often under constant traffic.
 _EVENT_PERIOD_NS = 20_000_000
-# How often what discovery has brought is taken.
+# How often discovery data are taken.
 _TIDY_PERIOD_NS = 1_000_000_000
 # How often a coroutine is resumed that waits for something other than a Future.
 _POLL_NS = 1_000_000
@@ -55,7 +56,7 @@ async def _run(entity: Any, executor: Executor) -> None:
     try:
         try:
             callback = entity._take()
-        except (InvalidHandle, DDSException):  # destroyed in the meantime
+        except (InvalidHandle, RCLError):  # destroyed in the meantime
             return
         for future in getattr(entity, "_futures", ()):
             future._set_executor(executor)
@@ -70,7 +71,7 @@ async def _run(entity: Any, executor: Executor) -> None:
 
 
 class Executor:
-    """Base of the executors."""
+    """Base class of the executors."""
 
     def __init__(self, *, context: Context | None = None) -> None:
         self.context = context_or_default(context)
@@ -79,10 +80,11 @@ class Executor:
         self._nodes: dict[Any, None] = {}
         self._lock = threading.RLock()
         self._tasks: list[Task] = []
-        # Those of them that run before the next wait, the newest at the end.
+        # Tasks that run before the next wait, the newest at the end.
         self._due: list[Task] = []
         self._ready: deque[tuple[Any, Any]] = deque()
-        self._conditions = ConditionSet(self.context.session)
+        with self.context.session.using("failed to create executor"):
+            self._conditions = ConditionSet(self.context.session)
         self._is_shutdown = False
         self._working = threading.RLock()
         self._entities_changed = True
@@ -106,7 +108,7 @@ class Executor:
         return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop; return whether a callback under way ended in time."""
+        """Shut down; return whether a running callback finished in time."""
         self._is_shutdown = True
         self.wake()
         timeout = -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
@@ -152,7 +154,7 @@ class Executor:
             return list(self._nodes)
 
     def wake(self) -> None:
-        """End the present wait, to look for changes."""
+        """End the present wait, so that changes take effect."""
         self._conditions.wake()
 
     def _notice(self) -> None:
@@ -253,7 +255,7 @@ class Executor:
         return None
 
     def _rebuild(self) -> None:
-        """Look again which entities there are and which of them may start."""
+        """Collect the entities again, without those whose callback group does not let them start."""
         self._entities_changed = False
         self._blocked = False
         self._timers, self._guards, self._readers, self._events = [], [], [], []
@@ -274,7 +276,7 @@ class Executor:
         self._conditions.update(conditions)
 
     def _collect(self, timeout_ns: int) -> None:
-        """Sleep until something is ready and note what."""
+        """Wait until something is ready, and queue it."""
         if self._entities_changed:
             self._rebuild()
         for timer, _ in self._timers:

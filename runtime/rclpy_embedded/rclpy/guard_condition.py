@@ -9,20 +9,19 @@ from rclpy.impl.handle import Destroyable
 
 
 class GuardCondition(Destroyable):
-    """Its callback is called after ``trigger``; made by ``Node.create_guard_condition``."""
+    """Calls its callback after ``trigger``; created by ``Node.create_guard_condition``."""
 
     def __init__(
         self, callback: Callable[[], Any] | None, callback_group: CallbackGroup | None, context: Context | None = None
     ) -> None:
         super().__init__()
         self._context = context_or_default(context)
-        self._context.session.check("failed to create guard condition")
         self.callback = callback
         self.callback_group = callback_group
         self._triggered = False
 
     def trigger(self) -> None:
-        """Let the executor call the callback, once for any number of triggers before it."""
+        """Have the executor call the callback, once however many triggers come before that."""
         self._check()
         self._triggered = True
         self._context._wake_all()

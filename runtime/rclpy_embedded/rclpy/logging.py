@@ -18,10 +18,10 @@ def get_logger(name: str) -> RcutilsLogger:
 
 
 def initialize() -> None:
-    """Set the logging system up; importing this module does so."""
+    """Set up the logging system; importing this module has done so already."""
 
 
-#: Forget all levels, and read the environment again.
+#: Reset all levels, and read the environment again.
 shutdown = clear_config = system.initialize
 
 

@@ -1,12 +1,9 @@
-"""Names in the graph: their rules, their expansion to full names, and remapping.
-
-Each ``*_error`` function returns None for a valid name, else ``(message, index of the first bad character)``.
-"""
+"""Names in the graph: their rules, their expansion to full names, and remapping."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,16 +26,15 @@ _RULE = re.compile(
 )
 _KINDS = {None: "topic_or_service", "rostopic://": "topic", "rosservice://": "service"}
 
-NameError_ = tuple[str, int] | None
-#: Pattern of what is wrong, where the last character matched is the bad one, and the message; the first fault counts.
+#: Pattern of what is wrong, of which the last character is the bad one, and the message; the first fault counts.
 _Faults = tuple[tuple[str, str], ...]
 
 
-def _absolute(what: str, too_long: str, longest: int, only: str = "") -> _Faults:
+def _absolute(what: str, too_long: str, longest: int, end: str = r"/\Z", only: str = "") -> _Faults:
     return (
         (r"^\Z", f"{what} must not be empty"),
         (r"^[^/]", f"{what} must be absolute, it must lead with a '/'"),
-        (r"/\Z", f"{what} must not end with a '/'{only}"),
+        (end, f"{what} must not end with a '/'{only}"),
         (r"[^A-Za-z0-9_/]", f"{what} must not contain characters other than alphanumerics, '_', or '/'"),
         (r"//", f"{what} must not contain repeated '/'"),
         (r"/[0-9]", f"{what} must not have a token that starts with a number"),
@@ -47,7 +43,7 @@ def _absolute(what: str, too_long: str, longest: int, only: str = "") -> _Faults
 
 
 _FULL_TOPIC_FAULTS = _absolute("topic name", "topic length", MAX_TOPIC_LENGTH)
-_NAMESPACE_FAULTS = _absolute("namespace", "namespace", MAX_NAMESPACE_LENGTH, ", unless only a '/'")
+_NAMESPACE_FAULTS = _absolute("namespace", "namespace", MAX_NAMESPACE_LENGTH, r"./\Z", ", unless only a '/'")
 _NODE_FAULTS: _Faults = (
     (r"^\Z", "node name must not be empty"),
     (r"[^A-Za-z0-9_]", "node name must not contain characters other than alphanumerics or '_'"),
@@ -74,62 +70,35 @@ _TOPIC_FAULTS: _Faults = (
 )
 
 
-def _fault(name: str, faults: _Faults) -> NameError_:
+def _validate(name: str, faults: _Faults, kind: Callable[[str, str, int], Exception]) -> Literal[True]:
     for pattern, text in faults:
         if match := re.search(pattern, name, re.DOTALL):
-            return text, max(0, match.end() - 1)
-    return None
-
-
-def full_topic_name_error(name: str) -> NameError_:
-    """Check a fully qualified topic or service name."""
-    return _fault(name, _FULL_TOPIC_FAULTS)
-
-
-def namespace_error(namespace: str) -> NameError_:
-    """Check an absolute namespace."""
-    return None if namespace == "/" else _fault(namespace, _NAMESPACE_FAULTS)
-
-
-def node_name_error(name: str) -> NameError_:
-    """Check a node's name (without namespace)."""
-    return _fault(name, _NODE_FAULTS)
-
-
-def topic_name_error(name: str) -> NameError_:
-    """Check a topic or service name as a user may write it: relative, private (~) or with substitutions ({node})."""
-    return _fault(name, _TOPIC_FAULTS)
-
-
-def _validate_topic(name: str, error: NameError_, is_service: bool) -> Literal[True]:
-    if error:
-        kind = exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException
-        raise kind(name, *error)
+            raise kind(name, text, max(0, match.end() - 1))
     return True
+
+
+def _topic_exception(is_service: bool) -> Callable[[str, str, int], Exception]:
+    return exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid name, which need not be expanded; else raise Invalid{Topic,Service}NameException."""
-    return _validate_topic(name, topic_name_error(name), is_service)
+    return _validate(name, _TOPIC_FAULTS, _topic_exception(is_service))
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid fully qualified name; else raise Invalid{Topic,Service}NameException."""
-    return _validate_topic(name, full_topic_name_error(name), is_service)
+    return _validate(name, _FULL_TOPIC_FAULTS, _topic_exception(is_service))
 
 
 def validate_namespace(namespace: str) -> Literal[True]:
     """Return True for a valid absolute namespace; else raise InvalidNamespaceException."""
-    if error := namespace_error(namespace):
-        raise exceptions.InvalidNamespaceException(namespace, *error)
-    return True
+    return _validate(namespace, _NAMESPACE_FAULTS, exceptions.InvalidNamespaceException)
 
 
 def validate_node_name(node_name: str) -> Literal[True]:
-    """Return True for a valid node name; else raise InvalidNodeNameException."""
-    if error := node_name_error(node_name):
-        raise exceptions.InvalidNodeNameException(node_name, *error)
-    return True
+    """Return True for a valid node name (without namespace); else raise InvalidNodeNameException."""
+    return _validate(node_name, _NODE_FAULTS, exceptions.InvalidNodeNameException)
 
 
 def validate_parameter_name(name: str) -> Literal[True]:
@@ -144,13 +113,12 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
 
     The result may still be invalid, e.g. for ``{ns}//x``: check it with ``validate_full_topic_name``.
     """
-    for what, value, error in (
-        ("topic name", topic_name, topic_name_error(topic_name)),
-        ("node name", node_name, node_name_error(node_name)),
-        ("node namespace", node_namespace, namespace_error(node_namespace)),
-    ):
-        if error:
-            raise ValueError(f"{what} '{value}' is invalid: {error[0]}")
+    try:
+        validate_topic_name(topic_name)
+        validate_node_name(node_name)
+        validate_namespace(node_namespace)
+    except exceptions.NameValidationException as error:
+        raise ValueError(str(error)) from None
     root = "/" if node_namespace == "/" else node_namespace + "/"
     name = root + node_name + topic_name[1:] if topic_name[0] == "~" else topic_name
     known = {"node": node_name, "ns": node_namespace, "namespace": node_namespace}

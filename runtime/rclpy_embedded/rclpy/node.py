@@ -112,10 +112,10 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
                 self.destroy_node()
 
     def __publish_event(self, event: ParameterEvent) -> None:
-        if self._parameter_event_publisher is not None:
+        if (publisher := self._parameter_event_publisher) is not None:
             event.node = self.get_fully_qualified_name()
             event.stamp = self._clock.now().to_msg()
-            self._parameter_event_publisher.publish(event)
+            publisher.publish(event)
 
     @property
     def executor(self) -> Executor | None:
@@ -147,9 +147,10 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
     @property
     def handle(self) -> LocalNode:  # type: ignore[override]
         """What the middleware announces of this node; InvalidHandle after destruction."""
-        if self.__handle is None:
+        handle = self.__handle
+        if handle is None:
             raise InvalidHandle(DESTROYED)
-        return self.__handle
+        return handle
 
     def get_name(self) -> str:
         """Return the name, after remapping."""

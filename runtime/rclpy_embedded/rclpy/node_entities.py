@@ -1,4 +1,4 @@
-"""What a node creates and destroys: publishers, subscriptions, clients, services, timers, guard conditions."""
+"""The entities of a node: publishers, subscriptions, clients, services, timers, guard conditions."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -9,6 +9,7 @@ from rclpy.clock import Clock
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.session import LocalNode
 from rclpy.publisher import Publisher
@@ -31,6 +32,15 @@ def _profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
     if qos_or_depth < 0:
         raise ValueError("history depth must be greater than or equal to zero")
     return QoSProfile(depth=qos_or_depth)
+
+
+def _remove(entities: list[Any], entity: Any) -> bool:
+    """Remove an entity; return whether it was there, to one of several threads."""
+    try:
+        entities.remove(entity)
+    except ValueError:
+        return False
+    return True
 
 
 class NodeEntities:
@@ -56,19 +66,26 @@ class NodeEntities:
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        """Event handlers, and what was added."""
+        """Event handlers, and the waitables that were added."""
         yield from self.__waitables
 
     @property
     def default_callback_group(self) -> CallbackGroup:
-        """The group of everything that is created without one."""
+        """The group of all entities that are created without one."""
         return self._default_callback_group
 
-    def __add(self, entity: Entity, entities: list[Entity]) -> Entity:
+    def __make(self, entities: list[Entity], kind: type[Entity], *args: Any, **options: Any) -> Entity:
+        with self.handle.session.using(f"failed to create {kind.__name__.lower()}"):
+            entity = kind(*args, **options)
         if entity.callback_group is not None and not isinstance(entity, Publisher):
             entity.callback_group.add_entity(entity)
         entities.append(entity)
         self.__waitables.extend(getattr(entity, "event_handlers", ()))
+        try:
+            _ = self.handle
+        except InvalidHandle:  # another thread has destroyed the node, perhaps before it could see this entity
+            self.__destroy(entity)
+            raise
         self._wake_executor()
         return entity
 
@@ -97,7 +114,7 @@ class NodeEntities:
         """Create a publisher; an int as QoS is the depth of the default profile."""
         group, callbacks = callback_group or self._default_callback_group, event_callbacks or PublisherEventCallbacks()
         arguments = self.__topic("publisher", msg_type, topic, qos_profile, qos_overriding_options)
-        return self.__add(publisher_class(*arguments, callbacks, group), self.publishers)
+        return self.__make(self.publishers, publisher_class, *arguments, callbacks, group)
 
     def create_subscription(
         self,
@@ -118,7 +135,7 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         callbacks = event_callbacks or SubscriptionEventCallbacks()
         arguments = self.__topic("subscription", msg_type, topic, qos_profile, qos_overriding_options)
-        return self.__add(Subscription(*arguments, callbacks, group, callback=callback, raw=raw), self.subscriptions)
+        return self.__make(self.subscriptions, Subscription, *arguments, callbacks, group, callback=callback, raw=raw)
 
     def create_client(
         self,
@@ -132,8 +149,8 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
-        made = Client(self.handle, srv_type, srv_name, name, qos_profile, group, context=self._context)
-        return self.__add(made, self.clients)
+        arguments = self.handle, srv_type, srv_name, name, qos_profile, group
+        return self.__make(self.clients, Client, *arguments, context=self._context)
 
     def create_service(
         self,
@@ -148,8 +165,8 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
-        made = Service(self.handle, srv_type, srv_name, name, qos_profile, group, callback=callback)
-        return self.__add(made, self.services)
+        arguments = self.handle, srv_type, srv_name, name, qos_profile, group
+        return self.__make(self.services, Service, *arguments, callback=callback)
 
     def create_timer(
         self,
@@ -159,17 +176,17 @@ class NodeEntities:
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Create a timer that counts in the node's clock (or another one)."""
+        """Create a timer that runs on the node's clock, or on another one."""
         group, period_ns = callback_group or self._default_callback_group, int(float(timer_period_sec) * S_TO_NS)
-        made = Timer(callback, group, period_ns, clock or self._clock, context=self._context, autostart=autostart)
-        return self.__add(made, self.timers)
+        arguments = callback, group, period_ns, clock or self._clock
+        return self.__make(self.timers, Timer, *arguments, context=self._context, autostart=autostart)
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
-        """Create a guard condition, whose callback is called after its ``trigger``."""
+        """Create a guard condition, which calls its callback after ``trigger``."""
         group = callback_group or self._default_callback_group
-        return self.__add(GuardCondition(callback, group, context=self._context), self.guards)
+        return self.__make(self.guards, GuardCondition, callback, group, context=self._context)
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
         """Create a rate of `frequency` Hz."""
@@ -179,12 +196,12 @@ class NodeEntities:
         return Rate(timer, context=self._context)
 
     def add_waitable(self, waitable: Waitable) -> None:
-        """Add something else for an executor to wait for."""
+        """Have the executor wait for a waitable, too."""
         self.__waitables.append(waitable)
         self._wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
-        """Undo `add_waitable`."""
+        """Remove a waitable that was added."""
         self.__waitables.remove(waitable)
         self._wake_executor()
 
@@ -193,13 +210,11 @@ class NodeEntities:
         return self.publishers, self.subscriptions, self.clients, self.services, self.timers, self.guards
 
     def __destroy(self, entity: Any) -> bool:
-        """Destroy an entity of this node; return whether it was one."""
-        entities = next((found for found in self.__lists if entity in found), None)
-        if entities is None:
+        """Destroy an entity of this node; return False if it is not one."""
+        if not any(_remove(entities, entity) for entities in self.__lists):
             return False
-        entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
-            self.__waitables.remove(handler)
+            _remove(self.__waitables, handler)
         entity.destroy()
         self._wake_executor()
         return True
@@ -208,13 +223,13 @@ class NodeEntities:
     destroy_service = destroy_timer = destroy_guard_condition = __destroy
 
     def destroy_rate(self, rate: Rate) -> bool:
-        """Destroy a rate of this node; return whether it was one."""
+        """Destroy a rate of this node; return False if it is not one."""
         done = self.__destroy(rate._timer)
         rate.destroy()
         return done
 
     def destroy_node(self) -> None:
-        """Destroy everything that is left."""
+        """Destroy all remaining entities."""
         for entities in self.__lists:
-            while entities:
-                self.__destroy(entities[0])
+            for entity in list(entities):
+                self.__destroy(entity)

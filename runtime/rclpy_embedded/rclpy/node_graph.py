@@ -1,4 +1,4 @@
-"""What a node can find out about the graph."""
+"""The graph queries of a node."""
 
 import time
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from rclpy.type_hash import TypeHash
 
 
 class NodeGraph:
-    """The graph queries of a Node. Names may be relative or private; they are not remapped."""
+    """Graph queries. Names may be relative or private; they are not remapped."""
 
     _context: Context
     get_name: Callable[[], str]
@@ -29,7 +29,6 @@ class NodeGraph:
 
     @property
     def __graph(self) -> Graph:
-        self._context.session.check("failed to look at the graph")
         return self._context.session.graph
 
     def __full_name(self, name: str, *, is_service: bool = False) -> str:
@@ -137,7 +136,7 @@ class NodeGraph:
         ]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
-        """Wait up to `timeout` seconds until a node is there; return whether it is."""
+        """Wait up to `timeout` seconds for a node; return whether it is there."""
         name = "/" + fully_qualified_node_name.lstrip("/")
         end = time.monotonic() + timeout
         while name not in self.get_fully_qualified_node_names():

@@ -32,9 +32,9 @@ def _remove(handles: list[Any], handle: Any) -> None:
 
 
 class ParameterEventHandler:
-    """Listens to ``/parameter_events`` and calls what was added for a parameter or for any event, the latest first.
+    """Calls callbacks for the events on ``/parameter_events``, of one parameter or all, the latest added first.
 
-    The node has to be spun; the options are those of the subscription.
+    The node must be spun; the options are those of the subscription.
     """
 
     def __init__(self, node: Any, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
@@ -84,7 +84,7 @@ class ParameterEventHandler:
         return handle
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-        """Undo `add_parameter_callback`; RuntimeError if that was done before."""
+        """Remove a callback for a parameter; RuntimeError if it is not there."""
         _remove(self._parameter_callbacks, handle)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], None]) -> ParameterEventCallbackHandle:
@@ -94,7 +94,7 @@ class ParameterEventHandler:
         return handle
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-        """Undo `add_parameter_event_callback`; RuntimeError if that was done before."""
+        """Remove a callback for every event; RuntimeError if it is not there."""
         _remove(self._event_callbacks, handle)
 
     def _resolve_path(self, node_path: str) -> str:

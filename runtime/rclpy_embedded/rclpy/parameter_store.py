@@ -62,7 +62,7 @@ class ParameterStore:
         """Declare parameters given as (name,), (name, default or type) or (name, default or type, descriptor).
 
         Without ``dynamic_typing`` in the descriptor the type is fixed to that of the default. The on-set and post-set
-        callbacks are called once per parameter; when one is refused, those before it stay declared.
+        callbacks are called once for each parameter; if one is refused, those before it stay declared.
         """
         declared: list[Parameter] = []
         descriptors: dict[str, Any] = {}
@@ -85,7 +85,7 @@ class ParameterStore:
         return [self._parameters[parameter.name] for parameter in declared]
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter."""
+        """Undeclare a parameter."""
         if not self.has_parameter(name):
             raise exceptions.ParameterNotDeclaredException(name)
         if self._descriptors[name].read_only:
@@ -98,7 +98,7 @@ class ParameterStore:
         return name in self._parameters
 
     def _is_declared(self, name: str) -> bool:
-        """Return the same; ParameterNotDeclaredException where undeclared parameters are not allowed."""
+        """Return whether a parameter is declared; raise if it is not and undeclared parameters are not allowed."""
         if name not in self._parameters and not self._allow_undeclared_parameters:
             raise exceptions.ParameterNotDeclaredException(name)
         return name in self._parameters
@@ -159,7 +159,7 @@ class ParameterStore:
         return msg.ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
-        """Set parameters one after the other; a refused one does not stop the others, an undeclared one does."""
+        """Set parameters one after the other; an undeclared one raises, a refused one does not stop the others."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from rclpy.constants import INT64_MAX, INT64_MIN
-from rclpy.names import namespace_error, node_name_error
+from rclpy.exceptions import NameValidationException
+from rclpy.names import validate_namespace, validate_node_name
 
 PARAMETERS_KEY = "ros__parameters"
 _STRING = "tag:yaml.org,2002:str"
@@ -104,9 +105,11 @@ def parse_value(text: str) -> Any:
 def _check_node_pattern(name: str) -> None:
     *namespace, node = name.split("/")
     absolute = "/" + "/".join(part for part in namespace if part not in ("", "*", "**"))
-    error = namespace_error(absolute) or (None if node in ("*", "**") else node_name_error(node))
-    if error:
-        raise ValueError(f"'{name}' is no name of a node: {error[0]}")
+    try:
+        validate_namespace(absolute)
+        validate_node_name("any" if node in ("*", "**") else node)
+    except NameValidationException as error:
+        raise ValueError(f"'{name}' is no name of a node: {error}") from None
 
 
 def _flatten(prefix: str, mapping: Any, into: dict[str, Any]) -> None:

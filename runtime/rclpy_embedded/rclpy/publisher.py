@@ -12,7 +12,7 @@ from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
 from rclpy.qos import ReliabilityPolicy
 
-# In between, Python gets the chance to handle a signal.
+# In between, Python can handle a signal.
 _LONGEST_WAIT_NS = 500_000_000
 
 
@@ -24,7 +24,7 @@ def _acked(writer: Any, timeout_ns: int) -> bool:
 
 
 class Publisher(TopicEndpoint):
-    """Sends messages on a topic; made by ``Node.create_publisher``."""
+    """Sends messages on a topic; created by ``Node.create_publisher``."""
 
     _is_writer = True
 
@@ -50,32 +50,33 @@ class Publisher(TopicEndpoint):
         try:
             writer.write(writer.data_type(data))
         except DDSException as error:
+            self._check()
             raise RCLError(f"Failed to publish: {error}") from error
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions match."""
-        self._local_node.session.check("failed to get subscription count")
-        return len(matched(self.handle.get_matched_subscriptions))
+        with self.using("failed to get subscription count") as writer:
+            return len(matched(writer.get_matched_subscriptions))
 
     def assert_liveliness(self) -> None:
         """Assert that this publisher is alive, for liveliness MANUAL_BY_TOPIC."""
-        self._local_node.session.check("Failed to assert liveliness on the Publisher")
-        # The Python API of Cyclone DDS lacks this one call.
-        code = DDS._dll_handle.dds_assert_liveliness(self.handle._ref)
-        if code < 0:
-            raise DDSException(code, "while asserting liveliness")
+        with self.using("Failed to assert liveliness on the Publisher") as writer:
+            # The Python API of Cyclone DDS lacks this one call.
+            code = DDS._dll_handle.dds_assert_liveliness(writer._ref)
+            if code < 0:
+                raise DDSException(code, "while asserting liveliness")
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008
         """Wait until every matching reliable subscription has acknowledged everything; return whether all have.
 
         A negative timeout means no limit; with zero it does not wait. Best effort publishers need not wait.
         """
-        self._local_node.session.check("Failed to wait for all acknowledgements")
-        if self.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+        with self.using("Failed to wait for all acknowledgements") as writer:
+            if self.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                return True
+            remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INT64_MAX
+            while not _acked(writer, min(remaining, _LONGEST_WAIT_NS)):
+                remaining -= _LONGEST_WAIT_NS
+                if remaining <= 0:
+                    return False
             return True
-        remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INT64_MAX
-        while not _acked(self.handle, min(remaining, _LONGEST_WAIT_NS)):
-            remaining -= _LONGEST_WAIT_NS
-            if remaining <= 0:
-                return False
-        return True

@@ -14,7 +14,7 @@ _CLIENT_DISCOVERY_S = 0.1
 
 @dataclass(frozen=True)
 class ServiceInfo:
-    """What is known about a request or reply; times are nanoseconds since 1970."""
+    """Metadata of a request or reply; times are nanoseconds since 1970."""
 
     source_timestamp: int
     received_timestamp: int
@@ -23,7 +23,7 @@ class ServiceInfo:
 
 
 class Service(ServiceEndpoint):
-    """Answers requests; made by ``Node.create_service``."""
+    """Answers requests; created by ``Node.create_service``."""
 
     _is_server = True
 
@@ -73,10 +73,10 @@ class Service(ServiceEndpoint):
         """Send a response to the request that `header` came with."""
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
-        self._check()
-        if isinstance(header, RequestId):
-            self._send(header, response)
-        elif not isinstance(header, ServiceInfo):
+        if not isinstance(header, ServiceInfo | RequestId):
             raise TypeError(f"Expected the header of a request, got {type(header)}")
-        elif self._await_client(header):
-            self._send(header.request_id, response)
+        with self.using("failed to send response"):
+            if isinstance(header, RequestId):
+                self._send(header, response)
+            elif self._await_client(header):
+                self._send(header.request_id, response)

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import traceback
 from enum import Enum
 from typing import Any
 
@@ -26,7 +27,7 @@ _previous_wakeup_fd = -1
 
 def _on_signal(number: int, frame: Any) -> None:
     # The shutdown itself is left to the thread below: here, the locks it takes may be held already.
-    for context in list(initialized):
+    for context in initialized:
         context._interrupted = True
     previous = _previous.get(number)
     if callable(previous):
@@ -37,8 +38,11 @@ def _watch(fd: int) -> None:
     """Shut down all contexts; this also wakes a main thread that waits in the middleware, which no signal does."""
     while received := os.read(fd, 1):
         if received[0] in _previous:
-            for context in list(initialized):
-                context._shutdown(by_signal=True)
+            for context in initialized:
+                try:
+                    context._shutdown(by_signal=True)
+                except Exception:  # a callback for the shutdown; the other contexts and further signals still count
+                    traceback.print_exc()
     os.close(fd)
 
 

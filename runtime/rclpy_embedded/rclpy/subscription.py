@@ -13,7 +13,7 @@ from rclpy.utilities import takes
 
 
 class MessageInfo(TypedDict):
-    """What is known about a received message; times are nanoseconds since 1970."""
+    """Metadata of a received message; times are nanoseconds since 1970."""
 
     source_timestamp: int
     received_timestamp: int
@@ -22,7 +22,7 @@ class MessageInfo(TypedDict):
 
 
 class Subscription(TopicEndpoint):
-    """Receives messages of a topic; made by ``Node.create_subscription``."""
+    """Receives messages of a topic; created by ``Node.create_subscription``."""
 
     class CallbackType(Enum):
         """What the callback takes."""
@@ -39,7 +39,7 @@ class Subscription(TopicEndpoint):
 
     @property
     def callback(self) -> Callable[..., Any]:
-        """What is called with each message (and its MessageInfo, if it takes two arguments)."""
+        """The function that is called with each message (and its MessageInfo, if it takes two arguments)."""
         return self._callback
 
     @callback.setter
@@ -55,11 +55,12 @@ class Subscription(TopicEndpoint):
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""
-        return len(matched(self.handle.get_matched_publications))
+        with self.using("failed to get publisher count") as reader:
+            return len(matched(reader.get_matched_publications))
 
     def take(self) -> tuple[Any, MessageInfo] | None:
-        """Take the next message and what is known about it, None if there is none (or only a malformed one)."""
-        for sample in self.handle.take(1):
+        """Take the next message and its metadata, None if there is none (or only a malformed one)."""
+        for sample in self._samples():
             info = sample.sample_info
             if not info.valid_data:
                 continue

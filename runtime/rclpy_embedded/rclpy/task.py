@@ -12,7 +12,7 @@ from typing import Any
 
 
 class Future:
-    """The outcome of something that is not done yet. Awaitable inside callbacks and tasks."""
+    """The result of an operation that may still be under way. Awaitable in callbacks and tasks."""
 
     def __init__(self, *, executor: Any = None) -> None:
         self._done = False
@@ -120,7 +120,7 @@ class Future:
 
 
 class Task(Future):
-    """A function or coroutine run by an executor; only executors make tasks."""
+    """A function or coroutine that an executor runs; created by executors only."""
 
     def __init__(
         self,

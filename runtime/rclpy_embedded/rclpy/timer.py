@@ -20,16 +20,16 @@ _ANY_JUMP = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Dura
 
 @dataclass(frozen=True)
 class TimerInfo:
-    """When a timer should have called and when it did."""
+    """When a call of a timer was due and when it took place."""
 
     expected_call_time: Time
     actual_call_time: Time
 
 
 class Timer(Destroyable):
-    """Calls back periodically, without drift: calls stay on the grid that creation or reset began.
+    """Calls back periodically, without drift: calls stay on the grid that starts at creation or reset.
 
-    The callback takes nothing, or a TimerInfo. Without `autostart` the timer begins with ``reset``.
+    The callback takes nothing, or a TimerInfo. Without `autostart` the timer starts with ``reset``.
     """
 
     def __init__(
@@ -46,7 +46,6 @@ class Timer(Destroyable):
             raise RCLError(f"failed to create timer: timer period must be non-negative, got {timer_period_ns} ns")
         super().__init__()
         self._context = context_or_default(context)
-        self._context.session.check("failed to create timer")
         self.clock = clock
         self._period_ns = int(timer_period_ns)
         self._canceled = not autostart
@@ -79,7 +78,7 @@ class Timer(Destroyable):
 
     @property
     def callback(self) -> Callable[..., Any] | None:
-        """What is called: with nothing, or with a TimerInfo if it takes an argument."""
+        """The function that is called, with a TimerInfo if it takes an argument."""
         return self._callback
 
     @callback.setter
@@ -140,7 +139,7 @@ class Timer(Destroyable):
         return max(0, remaining)
 
     def call(self) -> TimerInfo:
-        """Count a call: the next one is due at the next point of the grid that is still to come."""
+        """Record a call; the next one is due at the next point of the grid in the future."""
         now, expected = self.clock._now_ns(), self._next_call_ns
         self._last_call_ns = now
         self._next_call_ns += self._period_ns
@@ -158,15 +157,13 @@ class Timer(Destroyable):
             return callback
         return lambda: callback(info)
 
-    def destroy(self) -> None:
-        super().destroy()
+    def _clean_up(self) -> None:
         if self._jumps is not None:
             self._jumps.unregister()
-            self._jumps = None
 
 
 class Rate:
-    """Sleeps at a fixed rate, in a thread that does not spin; made by ``Node.create_rate``."""
+    """Sleeps at a fixed rate, in a thread that does not spin; created by ``Node.create_rate``."""
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
         self._timer = timer
@@ -184,11 +181,12 @@ class Rate:
 
     def destroy(self) -> None:
         """End it and wake all sleepers."""
-        self._is_destroyed = True
-        self._event.set()
+        with self._lock:
+            self._is_destroyed = True
+            self._event.set()
 
     def sleep(self) -> None:
-        """Block until the timer fires. In a callback this would block the executor that runs the timer."""
+        """Block until the timer fires. In a callback it would block the executor, and with it the timer."""
         if self._is_shutdown:
             raise ROSInterruptException()
         if self._is_destroyed:
@@ -203,7 +201,8 @@ class Rate:
         finally:
             with self._lock:
                 self._num_sleepers -= 1
-                if self._num_sleepers == 0:
+                # Once it is destroyed, whoever is about to sleep must not sleep.
+                if self._num_sleepers == 0 and not self._is_destroyed:
                     self._event.clear()
         if self._is_shutdown:
             self.destroy()

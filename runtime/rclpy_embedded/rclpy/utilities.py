@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
-from rclpy.context import Context, context_or_default, default_lock
+from rclpy.context import Context, context_or_default
 from rclpy.context import get_default_context as get_default_context
 
 
@@ -26,13 +26,8 @@ def shutdown(*, context: Context | None = None) -> None:
 
 
 def try_shutdown(*, context: Context | None = None) -> None:
-    """Shut down a context (default: the global one) unless that was done already."""
-    if context is not None:
-        context.try_shutdown()
-        return
-    with default_lock:
-        get_default_context().try_shutdown()
-        get_default_context(shutting_down=True)
+    """Shut down a context (default: the global one) unless it is shut down already."""
+    (get_default_context(shutting_down=True) if context is None else context).try_shutdown()
 
 
 def get_rmw_implementation_identifier() -> str:
@@ -41,7 +36,7 @@ def get_rmw_implementation_identifier() -> str:
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """Return the one middleware there is."""
+    """Return the only middleware there is."""
     return {get_rmw_implementation_identifier()}
 
 
@@ -51,7 +46,7 @@ def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
 
 
 def takes(callback: Callable[..., Any], arguments: int) -> bool:
-    """Return whether a callback can be called with this number of arguments; so it is assumed where nothing tells."""
+    """Return whether a callback accepts this number of arguments; True if it has no signature."""
     try:
         inspect.signature(callback).bind(*range(arguments))
     except TypeError:

@@ -20,18 +20,17 @@ def wait_for_message(
     timeout_ns = timeout_sec_to_nsec(time_to_wait)
     deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
-    conditions = ConditionSet(node.context.session)
-    node.context._wakers.add(conditions)
     try:
-        conditions.update([subscription.condition])
-        while node.context.ok():
-            if (taken := subscription.take()) is not None:
-                return True, taken[0]
-            remaining = deadline - time.monotonic_ns()
-            if remaining <= 0:
-                break
-            conditions.wait(remaining)
+        with subscription.using("failed to wait for a message"), ConditionSet(node.context.session) as conditions:
+            node.context._wakers.add(conditions)
+            conditions.update([subscription.condition])
+            while node.context.ok():
+                if (taken := subscription.take()) is not None:
+                    return True, taken[0]
+                remaining = deadline - time.monotonic_ns()
+                if remaining <= 0:
+                    break
+                conditions.wait(remaining)
     finally:
-        conditions.close()
         node.destroy_subscription(subscription)
     return False, None

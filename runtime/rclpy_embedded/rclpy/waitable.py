@@ -1,4 +1,4 @@
-"""What an executor can wait for besides the usual entities."""
+"""Waitables: what an executor waits for besides the other entities."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ from rclpy.task import Future
 
 
 class Waitable:
-    """Something with a DDS condition: when `is_ready`, `take_data` is called, then `execute` with what it returned."""
+    """Base class. Once `is_ready`, the executor calls `take_data`, then `execute` with what that returned."""
 
     #: The DDS entity that wakes the executor; None for something that another entity wakes.
     condition: Any = None
@@ -38,4 +38,4 @@ class Waitable:
         return lambda: self.execute(data)
 
     async def execute(self, taken_data: Any) -> None:
-        """Work on what was taken."""
+        """Process what was taken."""

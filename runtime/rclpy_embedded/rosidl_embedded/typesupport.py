@@ -59,7 +59,7 @@ class TypeSupport:
         """
         if msg.__class__ is not self.cls and not isinstance(msg, self.cls):
             raise SerializationError(f"expected a message of type {self.type_name}, not {type(msg).__name__}")
-        # Other than a bytearray, which would be copied at the end, this hands out what was written.
+        # Unlike a bytearray, which would be copied at the end, this returns its buffer.
         stream = BytesIO()
         stream.write(_HEADER + prefix)
         try:
@@ -96,7 +96,7 @@ class TypeSupport:
 
 @cache
 def type_support(cls: Any) -> TypeSupport:
-    """Type support of a message class; TypeError if `cls` is none of this package."""
+    """Type support of a message class; TypeError if `cls` is not a class of this package."""
     if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, "__slots__")):
         raise TypeError(f"{cls!r} is not a message class, such as the ones that 'pkg.msg' modules hold")
     return TypeSupport(cls)

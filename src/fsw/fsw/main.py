@@ -24,7 +24,7 @@ RUNNING = (
     "hmi",
 )
 _COMMANDS = (*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune")
-_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "compare", "export", "verify", "shadow")
+_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
 
 
 def parser() -> argparse.ArgumentParser:

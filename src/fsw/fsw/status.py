@@ -38,7 +38,9 @@ def _run(arguments: argparse.Namespace) -> int:
         if not node.wait_until(lambda: any(received)):
             raise CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
         node.wait_until(lambda: all(received) and _publishers(node.node) <= set(node.node.get_node_names()), _SETTLE_S)
-        nodes = sorted(name for name in node.node.get_node_names() if name != "fsw_operator")
+        # hidden ones, e.g. that of the ros2 command, begin with an underscore
+        shown = (name for name in node.node.get_node_names() if name != "fsw_operator" and not name.startswith("_"))
+        nodes = sorted(shown)
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
     for label, values, target, unit in (

@@ -67,9 +67,9 @@ def test_welds_with_and_without_phases_are_compared(
 ) -> None:
     write_programme_weld(tmp_path / "one")
     write_programme_weld(tmp_path / "two")
-    assert run("compare", str(tmp_path / "one"), str(tmp_path / "two")) == 0
+    assert run("kpi", str(tmp_path / "one"), str(tmp_path / "two")) == 0
     assert rows(capsys.readouterr().out).count(("published, 8 real welds", "cascade")) == 1
-    assert run("compare", str(tmp_path / "one"), str(weld_bag)) == 0
+    assert run("kpi", str(tmp_path / "one"), str(weld_bag)) == 0
     shown = rows(capsys.readouterr().out)
     assert ("dwell", "one") in shown and ("dwell", "weld") not in shown
 
@@ -77,7 +77,7 @@ def test_welds_with_and_without_phases_are_compared(
 def test_welds_in_different_phases_come_one_after_the_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_programme_weld(tmp_path / "whole")
     write_programme_weld(tmp_path / "short", phases=1)
-    assert run("compare", str(tmp_path / "whole"), str(tmp_path / "short")) == 0
+    assert run("kpi", str(tmp_path / "whole"), str(tmp_path / "short")) == 0
     assert [row for row in rows(capsys.readouterr().out) if row[1] in ("whole", "short")] == [
         ("dwell", "whole"),
         ("start", "whole"),

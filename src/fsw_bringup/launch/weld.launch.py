@@ -1,6 +1,7 @@
 """Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
+So it does in real time after the programme of a weld was aborted: the safe stop is carried out and can be acknowledged.
 Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the
 launch. So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
 restarted half-way, so its end is the end of the launch. To start a supervisor again
@@ -9,6 +10,7 @@ costs a second, in which the drives hold; so in real time a second one stands by
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from launch_ros.actions import Node
 
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
-from fsw_scenario.launcher import REFUSED, RESPAWN_DELAY_S
+from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
 from fsw_schema.models import InputError
@@ -126,7 +128,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if standby:
         actions.append(node.standby(**_respawn()))
     if scenario is not None:
-        actions.append(node("fsw_scenario", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
+        actions.append(node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None)))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
 
 
@@ -146,6 +148,17 @@ def _respawn() -> dict[str, Any]:
             )
 
     return {"respawn": True, "respawn_delay": RESPAWN_DELAY_S, "on_exit": on_exit}
+
+
+def _after_player(realtime: bool) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
+    """What happens when the scenario player ends: the launch ends, but not a real-time weld in its safe stop."""
+
+    def on_exit(event: ProcessExited, _: LaunchContext) -> list[Any]:
+        if realtime and event.returncode == ABORTED:
+            return [LogInfo(msg="the programme was aborted; the other nodes go on, Ctrl-C ends them")]
+        return [Shutdown(reason="the scenario player has ended")]
+
+    return on_exit
 
 
 class _Nodes:

@@ -23,11 +23,13 @@ from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
 from fsw_control.reports_ros import OK, WARN, Report
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS
-from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_msgs.msg import WeldProgress, WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
 
 #: an accepted set-point is in force within this time, or the answer says that it is not
 _ANSWER_S = 2.0
+#: the programme of a weld reports once a second; after this silence its player has ended (chosen)
+_PROGRAMME_SILENT_S = 5.0
 #: a ramp begins this long after the last tick, so that no part of it is late
 _LEAD_NS = 500_000_000
 #: later times of issue would leave no place in the order that a message can hold
@@ -144,6 +146,8 @@ class KeptReference:
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal = ""
+        self._programme_runs_s: float | None = None  #: when the programme of the weld last said that it runs
+        node.create_subscription(WeldProgress, "fsw/weld_progress", self._on_programme, LATEST)
         subscribe_sent(node, self._queue, self._on_received)
         _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
 
@@ -232,6 +236,7 @@ class KeptReference:
         try:
             present = self._queue.at(self._tick_ns) if self._tick_ns >= 0 else None
             goal = _goal(request, present)
+            self._check_programme()
             self._check_listeners()
             response.ok, response.message = True, self._send(goal, present if request.ramp else goal, asked.mark)
         except ValueError as error:
@@ -240,6 +245,15 @@ class KeptReference:
             return response
         await asked.answered
         return response
+
+    def _on_programme(self, message: WeldProgress) -> None:
+        runs = message.state == "running" and not message.left
+        self._programme_runs_s = time.monotonic() if runs else None
+
+    def _check_programme(self) -> None:
+        heard_s = self._programme_runs_s
+        if heard_s is not None and time.monotonic() - heard_s <= _PROGRAMME_SILENT_S:
+            raise ValueError("the programme of the weld runs and would override it: hold the programme first")
 
     def _check_listeners(self) -> None:
         topics = (self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers)

@@ -16,6 +16,7 @@ from fsw_control import Reference
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
@@ -30,7 +31,7 @@ def launch(*arguments):
     )
 
 
-def finish(process, seconds=20):
+def finish(process, seconds=PATIENCE_S):
     try:
         out, err = process.communicate(timeout=seconds)
     finally:
@@ -47,7 +48,7 @@ def peer(domain_id):
     rclpy.try_shutdown()
 
 
-def wait(node, condition, seconds=20.0):
+def wait(node, condition, seconds=PATIENCE_S):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "condition not reached"

@@ -6,11 +6,12 @@ import pytest
 import rclpy
 
 from fsw_control import messages_ros as convert
+from fsw_control import references_ros
 from fsw_control.contract import Reference
 from fsw_control.references_ros import KeptReference, StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import OK, WARN
 from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_msgs.msg import WeldReference
+from fsw_msgs.msg import WeldProgress, WeldReference
 from fsw_msgs.srv import SetReference
 from fsw_test_support.ros_graph import Spinner
 
@@ -110,6 +111,27 @@ def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     assert graph.ask(temperature_c=821.0).ok
     graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 821.0)
     assert graph.follows.at(graph.ticks * STEP_NS).depth_mm == pytest.approx(2.7)
+
+
+@pytest.mark.requirement("S28")
+def test_set_points_are_refused_while_a_programme_runs(graph, monkeypatch):
+    graph.start_controller()
+    player = graph.controller.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+
+    def report(**fields):
+        graph.kept._programme_runs_s = "unheard"
+        player.publish(WeldProgress(**fields))
+        graph.until(lambda: graph.kept._programme_runs_s != "unheard")
+
+    report(state="running")
+    refused = graph.ask(2.7, 820.0)
+    assert not refused.ok and "hold the programme first" in refused.message
+    for fields in ({"state": "held"}, {"state": "running", "left": True}, {"state": "aborted"}):
+        report(**fields)
+        assert graph.ask(2.7, 820.0).ok, fields
+    report(state="running")
+    monkeypatch.setattr(references_ros, "_PROGRAMME_SILENT_S", -1.0)  # as if that was long ago
+    assert graph.ask(2.7, 820.0).ok
 
 
 def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(graph):

@@ -81,6 +81,7 @@ class Entry:
     shelved: str = ""  #: by whom, until when and why
     first: str = ""  #: of a trip: what came first
     led_to: str = ""  #: the trip that this one came first of
+    first_wall_s: float = 0.0  #: when it was raised for the first time; 0: as ``raised_wall_s``
 
     @property
     def state(self) -> str:
@@ -209,6 +210,7 @@ class AlarmList:
             self.entries[name] = entry = Entry(alarm, now_s, wall_s, wall_s, self._number)
         else:
             entry.alarm, entry.present, entry.acknowledged, entry.absent_s = alarm, True, False, None
+            entry.first_wall_s = entry.first_wall_s or entry.raised_wall_s
             entry.raised_s, entry.raised_wall_s, entry.changed_wall_s = now_s, wall_s, wall_s
             entry.number, entry.count = self._number, entry.count + 1
             entry.show_if_high()
@@ -321,6 +323,7 @@ class AlarmList:
                 "chatters": one.chatters,
                 "first_out": bool(one.led_to),
                 "first": one.first,
+                "first_s": round(one.first_wall_s or one.raised_wall_s, 3),
                 "raised_s": round(one.raised_wall_s, 3),
                 "changed_s": round(one.changed_wall_s, 3),
                 "shelved": one.shelved,

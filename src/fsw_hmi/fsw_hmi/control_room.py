@@ -6,7 +6,9 @@ import hmac
 import json
 import secrets
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from fsw_hmi import security, tokens
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
@@ -17,7 +19,6 @@ from fsw_schema.models import InputError
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-_MAX_ID = 2**53
 #: for the record: control is no longer somebody's who has not given it away
 LOST = "lose control"
 _CONTROL = {
@@ -59,6 +60,15 @@ class Verdict:
     control: bool = False
     close: bool = False
     credentials: tuple[str, str] | None = None
+
+
+class _Request(BaseModel):
+    """What every message of a page has; what more it has depends on ``do``."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    id: Annotated[int, Field(ge=-(2**53), le=2**53)]
+    do: Any = None
 
 
 class Record(NamedTuple):
@@ -195,11 +205,11 @@ class ControlRoom:
 
     def handle(self, session: Session, text: str | None, now_s: float) -> Verdict:
         """Judge a message of a page; None stands for one that is no text. Never raises."""
-        message = _parse(text)
-        number = None if message is None else _id(message)
-        if message is None or number is None:
-            return self._offence(session, number, "the message is no request")
-        do = message.get("do")
+        try:
+            request = _Request.model_validate(json.loads(text or ""))
+        except (ValueError, RecursionError):
+            return self._offence(session, None, "the message is no request")
+        number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
             return Verdict(number, action=SafeStop(), asked=str(SafeStop()))
         if not session.requests.take(now_s):
@@ -336,18 +346,3 @@ def _needs(session: Session, role: str) -> str:
 
 def _bytes(text: str) -> bytes:
     return text.encode("utf-8", "surrogatepass")
-
-
-def _parse(text: str | None) -> dict[str, Any] | None:
-    try:
-        message = json.loads(text or "")
-    except (ValueError, RecursionError):
-        return None
-    return message if isinstance(message, dict) else None
-
-
-def _id(message: dict[str, Any]) -> int | None:
-    number = message.get("id")
-    if isinstance(number, bool) or not isinstance(number, int) or not -_MAX_ID <= number <= _MAX_ID:
-        return None
-    return number

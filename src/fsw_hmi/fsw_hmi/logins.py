@@ -6,64 +6,47 @@ import asyncio
 import contextlib
 import os
 import threading
-from collections import deque
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from fsw_hmi.users import User
 
-#: checks that wait, of one client and of all (chosen)
-_OF_CLIENT, _OF_ALL = 8, 64
+#: checks that wait or are under way, of one client and of all (chosen)
+_OF_CLIENT, _OF_ALL = 9, 65
 _NICE = 10
 
-Check = Callable[[], User | None]
-Done = Callable[[User | None], None]
-_Check = tuple[Check, Done, Callable[[], None]]
+
+class BusyError(Exception):
+    """A password cannot be checked now."""
 
 
 class LoginChecks:
-    """A line of checks for each client. Belongs to the server's loop, but for the checks themselves."""
+    """Each client has one check at most in the line of the one thread. Belongs to the server's loop."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, "login", _step_back)
-        self._lines: dict[str, deque[_Check]] = {}
-        self._running = False
+        self._turns: dict[str, asyncio.Lock] = {}
+        self._counts: Counter[str] = Counter()
 
-    def submit(self, client: str, check: Check, done: Done, busy: Callable[[], None]) -> None:
-        """Have a password checked, then call ``done`` in the loop; ``busy`` if it cannot be checked now."""
-        line = self._lines.get(client, deque())
-        if len(line) >= _OF_CLIENT or sum(map(len, self._lines.values())) >= _OF_ALL:
-            busy()
-            return
-        line.append((check, done, busy))
-        self._lines[client] = line
-        self._next()
+    async def run(self, client: str, check: Callable[[], User | None]) -> User | None:
+        """Have a password checked; raises :class:`BusyError`."""
+        if self._counts[client] >= _OF_CLIENT or self._counts.total() >= _OF_ALL:
+            raise BusyError
+        self._counts[client] += 1
+        try:
+            async with self._turns.setdefault(client, asyncio.Lock()):
+                return await asyncio.get_running_loop().run_in_executor(self._pool, check)
+        except (MemoryError, ValueError, RuntimeError) as error:  # for want of memory, or at the server's end
+            raise BusyError from error
+        finally:
+            self._counts[client] -= 1
+            if not self._counts[client]:
+                del self._counts[client], self._turns[client]
 
     def close(self) -> None:
         """Check no more."""
-        self._lines.clear()
         self._pool.shutdown(wait=False, cancel_futures=True)
-
-    def _next(self) -> None:
-        if self._running or not self._lines:
-            return
-        client = next(iter(self._lines))
-        line = self._lines.pop(client)
-        check, done, busy = line.popleft()
-        if line:
-            self._lines[client] = line  # behind the others
-        self._running = True
-        asyncio.get_running_loop().run_in_executor(self._pool, check).add_done_callback(
-            lambda future: self._on_done(future, done, busy)
-        )
-
-    def _on_done(self, future: asyncio.Future[User | None], done: Done, busy: Callable[[], None]) -> None:
-        self._running = False
-        if future.cancelled() or future.exception():  # at the server's end, or for want of memory
-            busy()
-        else:
-            done(future.result())
-        self._next()
 
 
 def _step_back() -> None:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from importlib.util import find_spec
 from pathlib import Path
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from fsw_hmi.uplot import Uplot
+
 FOLDER = Path(__file__).with_name("page")
-#: uPlot, which draws the trends, as the package youplot brings it along; nothing else of that is used
-_YOUPLOT = find_spec("youplot")
-UPLOT = Path(_YOUPLOT.origin or "").parent / "vendor" if _YOUPLOT else None
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -41,15 +39,13 @@ class PageFiles:
     Raises
     ------
     ValueError
-        When there is no index.html, or uPlot is not installed.
+        When there is no index.html.
     """
 
     def __init__(self, source: str, folder: Path = FOLDER) -> None:
-        if UPLOT is None:
-            raise ValueError("uPlot, which draws the trends, is missing: pip install youplot==1.0.0")
         paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES)
         self._files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-        self._files |= {f"uplot/{path.name}": path.read_bytes() for path in sorted(UPLOT.glob("*.min.*"))}
+        self._uplot = Uplot()
         if "index.html" not in self._files:
             raise ValueError(f"the page is missing: there is no {folder / 'index.html'}")
         content = hashlib.sha256()
@@ -68,7 +64,7 @@ class PageFiles:
 
     async def _on_file(self, request: Request) -> Response:
         name = request.path_params["name"]
-        data = self._files.get(name)
+        data = await self._uplot.file(name[6:]) if name.startswith("uplot/") else self._files.get(name)
         if data is None:
             return PlainTextResponse("there is no such file\n", status_code=404)
         return Response(data, media_type=_TYPES[Path(name).suffix])

@@ -18,11 +18,10 @@ from fsw_hmi.control import REFUSED, TIMED_OUT, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Client, Hub
-from fsw_hmi.logins import LoginChecks
+from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
 from fsw_hmi.security import client_of
-from fsw_hmi.users import User
 
 BEAT_S = 0.25
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
@@ -108,6 +107,7 @@ class LivePage:
     ) -> None:
         self._files, self._room, self._deliver, self._know = files, room, deliver, know
         self._logins = LoginChecks()
+        self._checks: set[asyncio.Task[None]] = set()
         self._request_timeout_s, self._patience_s, self._max_pages = request_timeout_s, patience_s, max_pages
         self._hub = Hub()
         self._pages: set[_Page] = set()
@@ -256,25 +256,25 @@ class LivePage:
                 await socket.close(_POLICY, "too many bad requests")
                 return
             if verdict.credentials is not None and verdict.id is not None:
-                self._check(page, verdict.id, verdict.credentials)
+                check = asyncio.create_task(self._check(page, verdict.id, verdict.credentials))
+                self._checks.add(check)
+                check.add_done_callback(self._checks.discard)
             else:
                 self._carry_out(page, verdict)
 
-    def _check(self, page: _Page, request: int, credentials: tuple[str, str]) -> None:
+    async def _check(self, page: _Page, request: int, credentials: tuple[str, str]) -> None:
         """Have a password checked; meanwhile the page's other requests, a safe stop above all, go on."""
         room, session = self._room, page.session
-
-        def done(user: User | None) -> None:
-            if page in self._pages:
-                verdict = room.on_checked(session, request, credentials, user, time.monotonic())
-                self._carry_out(page, verdict)
-                if verdict.close:
-                    page.client.given_up.set()
-
-        def busy() -> None:
-            self._carry_out(page, room.on_busy(session, request))
-
-        self._logins.submit(session.client, partial(room.check, *credentials), done, busy)
+        try:
+            user = await self._logins.run(session.client, partial(room.check, *credentials))
+        except BusyError:
+            verdict = room.on_busy(session, request)
+        else:
+            verdict = room.on_checked(session, request, credentials, user, time.monotonic())
+        if page in self._pages:
+            self._carry_out(page, verdict)
+            if verdict.close:
+                page.client.given_up.set()
 
     def end(self) -> None:
         """The server is about to close all pages."""

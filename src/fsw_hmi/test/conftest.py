@@ -16,9 +16,10 @@ from fsw_hmi.web_server import address, application, listen
 from fsw_hmi.web_thread import WebThread
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id
+from fsw_test_support.uplot import uplot
 from fsw_test_support.waiting import PATIENCE_S
 
-__all__ = ["domain_id"]
+__all__ = ["domain_id", "uplot"]
 TOKEN = "a token of some length"
 
 

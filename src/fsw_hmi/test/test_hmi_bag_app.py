@@ -130,7 +130,7 @@ sys.exit(main.main())
 def test_command_serves_until_it_is_interrupted(served: subprocess.Popen[str], sign: signal.Signals) -> None:
     assert served.stdout is not None
     address = next(line for line in served.stdout if "http://" in line).split()[-1]
-    with urllib.request.urlopen(f"{address}bags", timeout=10) as answer:
+    with urllib.request.urlopen(f"{address}bags", timeout=240) as answer:
         assert json.load(answer)["bags"][0]["name"] == "weld"
     served.send_signal(sign)
-    assert served.wait(timeout=20) == 0
+    assert served.wait(timeout=240) == 0

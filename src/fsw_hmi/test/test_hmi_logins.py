@@ -5,13 +5,12 @@ import contextlib
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 
 from fsw_hmi.control_room import Rules
-from fsw_hmi.logins import LoginChecks
+from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.users import Users, new_user
 from fsw_test_support.page_client import PATIENCE_S
 
@@ -52,7 +51,7 @@ def run(scenario):
 def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
     async def scenario():
         checks, order, running = LoginChecks(), [], []
-        gate, over = threading.Event(), asyncio.Event()
+        gate = threading.Event()
 
         def check(label):
             running.append(label)
@@ -60,19 +59,18 @@ def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
             running.remove(label)
             return label, os.getpriority(os.PRIO_PROCESS, 0)
 
-        def done(result):
-            order.append(result)
-            if len(order) == 6:
-                over.set()
+        async def ask(label):
+            order.append(await checks.run(label[0], lambda: check(label)))
 
-        for label in ("a0", "a1", "a2", "a3", "b0", "c0"):
-            checks.submit(label[0], lambda label=label: check(label), done, order.clear)
+        asked = [asyncio.create_task(ask(label)) for label in ("a0", "a1", "a2", "a3", "b0", "c0")]
+        await asyncio.sleep(0)
         assert order == []  # nobody waits for them
         gate.set()
-        await over.wait()
-        assert [label for label, _ in order] == ["a0", "a1", "b0", "c0", "a2", "a3"]
+        await asyncio.gather(*asked)
+        assert [label for label, _ in order] == ["a0", "b0", "c0", "a1", "a2", "a3"]
         own = os.getpriority(os.PRIO_PROCESS, 0)
         assert {priority for _, priority in order} == {min(19, own + 10)}
+        assert not checks._turns and not checks._counts
         checks.close()
 
     run(scenario)
@@ -80,31 +78,27 @@ def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
 
 def test_line_of_a_client_and_of_all_is_bounded():
     async def scenario():
-        checks, gate, over = LoginChecks(), threading.Event(), asyncio.Event()
-        refused = []
-        for number in range(12):
-            checks.submit(
-                "a", lambda: gate.wait(PATIENCE_S) and None, lambda _: over.set(), partial(refused.append, number)
-            )
-        assert refused == [9, 10, 11]  # one is under way, eight wait
-        for number in range(100):
-            checks.submit(str(number), lambda: None, lambda _: None, partial(refused.append, number))
-        assert refused[3:] == [*range(56, 100)]
-        checks._lines.clear()
+        checks, gate = LoginChecks(), threading.Event()
+        clients = ["a"] * 12 + [str(number) for number in range(100)]
+        asked = [asyncio.create_task(checks.run(client, lambda: gate.wait(PATIENCE_S) and None)) for client in clients]
+        await asyncio.sleep(0)
         gate.set()
-        await over.wait()
+        answers = await asyncio.gather(*asked, return_exceptions=True)
+        busy = [number for number, one in enumerate(answers) if isinstance(one, BusyError)]
+        assert busy == [9, 10, 11, *range(12 + 56, 112)]
         checks.close()
 
     run(scenario)
 
 
 def test_check_that_fails_ends_neither_the_line_nor_the_page():
+    def too_large():
+        raise MemoryError
+
     async def scenario():
-        checks, over, told = LoginChecks(), asyncio.Event(), []
-        checks.submit("a", lambda: 1 / 0, told.append, lambda: told.append("busy"))
-        checks.submit("a", lambda: None, lambda _: over.set(), over.clear)
-        await over.wait()
-        assert told == ["busy"]
+        checks = LoginChecks()
+        answers = await asyncio.gather(checks.run("a", too_large), checks.run("a", dict), return_exceptions=True)
+        assert isinstance(answers[0], BusyError) and answers[1] == {}
         checks.close()
 
     run(scenario)

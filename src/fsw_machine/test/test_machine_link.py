@@ -1,6 +1,7 @@
 """The OPC UA client against the test machine: reads, writes, security, and one line for everything that is wrong."""
 
 import queue
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -29,18 +30,18 @@ from fsw_machine.samples import CycleRead
 from fsw_test_support.certificates import make
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.machine_server import CLIENT_URI, SERVER_URI
+from fsw_test_support.waiting import PATIENCE_S
 
-SETTINGS = LinkSettings(request_timeout_s=1.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
-PATIENCE_S = 20.0
+SETTINGS = LinkSettings(request_timeout_s=60.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
 
 
 class Linked:
     """A link and what it delivers."""
 
-    def __init__(self, file):
+    def __init__(self, file, settings):
         self.machine = MachineFile.load(file)
         self.events = queue.Queue()
-        self.link = MachineLink(self.machine, SETTINGS, self.events.put)
+        self.link = MachineLink(self.machine, settings, self.events.put)
         self.link.start()
 
     def next(self, kind):
@@ -55,8 +56,8 @@ def connect():
     """Makes links that end with the test."""
     made = []
 
-    def make(file):
-        made.append(Linked(file))
+    def make(file, **changes):
+        made.append(Linked(file, replace(SETTINGS, **changes)))
         return made[-1]
 
     yield make
@@ -199,7 +200,8 @@ def test_a_secured_server_does_not_let_in_a_plain_client(connect, secured, folde
 def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain, folder, shipped_text):
     proxy = Proxy(plain[1])
     try:
-        linked = connect(write_machine_file(folder / "proxy.yaml", proxy.port, shipped_text))
+        file = write_machine_file(folder / "proxy.yaml", proxy.port, shipped_text)
+        linked = connect(file, request_timeout_s=1.0)
         linked.next(CycleRead)
         for stop, go in ((proxy.stall, proxy.flow), (proxy.cut, lambda: None)):
             stop()

@@ -166,7 +166,8 @@ class PlantEmulator:
 
         Where nobody says, it goes on with the time. Events that are to come are shifted with it.
         """
-        self._lag_ticks, self._standing = self.tick - age_ticks - round(time_s / STEP_S), standing
+        passed = 0 if standing else age_ticks
+        self._lag_ticks, self._standing = self.tick - passed - round(time_s / STEP_S), standing
 
     @property
     def _programme_s(self) -> float:

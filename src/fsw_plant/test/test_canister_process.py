@@ -1,11 +1,9 @@
 """The process on a canister: what takes the place of (16), the tool's path, the programme, the start."""
 
-from dataclasses import dataclass
 from math import exp
 
 import pytest
 
-import fsw_plant.emulator as emulator_module
 from fsw_canister import CanisterParameters
 from fsw_control.parameters import ParameterError
 from fsw_model import ModelParameters, OperatingPointError
@@ -15,35 +13,6 @@ from fsw_plant.tool_path import Motion, ToolPath, Waypoint
 from fsw_schema.models import InputError
 
 STILL = Motion(0.0, 0.0)
-
-
-@dataclass
-class Heat:
-    energy_kj: float
-
-
-class Block:
-    """Stands for the canister: a block without losses, whose temperature is easily told; notes how it is moved."""
-
-    def __init__(self, c_per_kj=0.1):
-        self.c_per_kj, self.moved = c_per_kj, []
-
-    def initial(self, temperature_c=None):
-        return Heat(0.0)
-
-    def step(self, state, power_kw, traverse_mm_per_s, axial_mm, dt_s=0.1):
-        self.moved.append((round(traverse_mm_per_s, 9), round(axial_mm, 9)))
-        return Heat(state.energy_kj + power_kw * dt_s)
-
-    def stir_zone_temperature_c(self, state):
-        return 20.0 + self.c_per_kj * state.energy_kj
-
-
-@pytest.fixture
-def block(monkeypatch):
-    canister = Block()
-    monkeypatch.setattr(emulator_module, "reduced", lambda parameters: canister)
-    return canister
 
 
 def plant_of(schedule="", **values):
@@ -59,8 +28,8 @@ def advance(plant, ticks):
 
 
 @pytest.mark.parametrize(("dead_time_s", "met"), [(2.8, 28), (2.75, 27.5), (0.1, 1), (0.15, 1.5)])
-def test_the_tool_meets_the_copper_a_dead_time_late(dead_time_s, met):
-    process = CanisterProcess(ModelParameters(dead_time_s=dead_time_s), Block())
+def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
+    process = CanisterProcess(ModelParameters(dead_time_s=dead_time_s), block)
     start = process.heated(2.66, 800.0, 50.0, STILL)
     copper = start.state.copper
     rate = copper[-1] - copper[-2]  # of a block under constant power
@@ -69,9 +38,9 @@ def test_the_tool_meets_the_copper_a_dead_time_late(dead_time_s, met):
     assert second == pytest.approx(first + rate)
 
 
-def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets():
+def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
     p = ModelParameters()
-    process = CanisterProcess(p, Block())
+    process = CanisterProcess(p, block)
     start = process.heated(2.66, 800.0, 50.0, STILL)
     state = start.state
     process.step(state, start.force_kn, start.speed_rpm)

@@ -9,7 +9,6 @@ from datetime import datetime
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -23,6 +22,7 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
+from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
@@ -64,7 +64,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._left_out: dict[str, str] = {}
         self.writer = self._make_writer(values)
         self._make_services()
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
@@ -159,11 +159,11 @@ class RecorderNode(Node):  # type: ignore[misc]
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
-        level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
+        level, text = OK, "paused" if self.writer.is_paused else "recording"
         if lost or counters["dropped"] or self._left_out:
-            level, text = DiagnosticStatus.WARN, "recording, but not everything is in the bag"
+            level, text = WARN, "recording, but not everything is in the bag"
         if error is not None:
-            level, text = DiagnosticStatus.ERROR, str(error)
+            level, text = ERROR, str(error)
         values = {
             "bag": self.writer.folder,
             "topics": len(self._subscriptions_by_topic),
@@ -172,11 +172,7 @@ class RecorderNode(Node):  # type: ignore[misc]
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
-        status = DiagnosticStatus(level=level, name=f"{self.get_name()}: recording", message=text)
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish([Report("recording", level, text, values)])
 
     def _lost(self) -> dict[str, int]:
         """Messages that the middleware reports as lost, by topic."""

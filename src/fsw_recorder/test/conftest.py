@@ -13,6 +13,7 @@ import rclpy
 
 from fsw_test_support.bags import genuine, genuine_bag, weld_bag
 from fsw_test_support.ros_graph import Spinner, domain_id
+from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id", "genuine", "genuine_bag", "weld_bag"]
 
@@ -60,7 +61,7 @@ class Graph(Spinner):
         """Send a signal and wait; returns exit code and output."""
         if signal_number is not None:
             program.send_signal(signal_number)
-        output, _ = program.communicate(timeout=30.0)
+        output, _ = program.communicate(timeout=PATIENCE_S)
         return program.returncode, output
 
     def close(self) -> None:

@@ -56,7 +56,7 @@ def test_kill_minus_nine(tmp_path: Path, compression: str, commits: int) -> None
             process.send_signal(signal.SIGKILL)
             break
     last = max([last, *((int(line.split()[0]), int(line.split()[1])) for line in process.stdout if " " in line)])
-    assert process.wait(10.0) == -signal.SIGKILL
+    assert process.wait(240.0) == -signal.SIGKILL
     assert not (bag / "metadata.yaml").exists()
 
     with BagReader(bag) as reader:

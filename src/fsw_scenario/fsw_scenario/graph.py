@@ -21,7 +21,9 @@ from fsw_scenario.scenario import Scenario
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
 #: how long the first tick may take, and so the end
-_PATIENCE_S = 60.0
+_PATIENCE_S = 240.0
+#: how long lockstep waits for controllers, so that a machine that stands still meanwhile gives the same weld
+_LOCKSTEP_S = 30.0
 _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
 
 
@@ -128,6 +130,8 @@ class WeldGraph:
             for name, values in nodes.items():
                 if name != "fsw_plant":
                     values["use_sim_time"] = True
+                if name in ("fsw_supervisor", STANDBY):
+                    values |= dict.fromkeys(("lockstep_deadline_s", "lockstep_shadow_wait_s"), _LOCKSTEP_S)
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:

@@ -18,6 +18,8 @@ from fsw_control.status_file import VARIABLE, read_status
 _POLL_S = 0.02
 #: exit code of a node whose arguments or parameters are wrong
 REFUSED = 2
+#: exit code of the scenario player after the programme of a weld was aborted
+ABORTED = 3
 #: pause before a process is started again, doubled each time that it ended sooner than _SOON_S; how often (chosen)
 RESPAWN_DELAY_S, _SOON_S, _MOST_SOON = 0.5, 10.0, 6
 

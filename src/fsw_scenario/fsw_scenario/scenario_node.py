@@ -31,6 +31,7 @@ from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references, switches
@@ -100,7 +101,7 @@ class ScenarioNode(Node):
             self._programme.ask_safe_stop()
             if self._programme.stopped:
                 self._programme.publish(self._stamp_ns)
-                self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}")
+                self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}", ABORTED)
         if not self.finished and time.monotonic() - self._last_sample_s > self._silence_s:
             self._end(f"{self._missing()} for {self._silence_s:g} s; is the graph running, on the same domain?")
 
@@ -254,14 +255,14 @@ class ScenarioNode(Node):
         # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
         return self._tick + _AHEAD if len(self._course.coming) > _AHEAD else self._scenario.n_ticks
 
-    def _end(self, failure: str) -> None:
-        """End the process, with exit code 1 after a failure."""
+    def _end(self, failure: str, code: int = 1) -> None:
+        """End the process, with an exit code after a failure."""
         if self.finished:
             return
         self.finished = True
         if failure:
             print(f"scenario: {failure}", file=sys.stderr, flush=True)
-            raise SystemExit(1)
+            raise SystemExit(code)
         self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
         self._report(True)
         rclpy.try_shutdown()
@@ -284,7 +285,7 @@ def main(args: Sequence[str] | None = None) -> int:
     -------
     int
         0 when the scenario has been played to its end, or when it was stopped before (reported); 1 when it cannot be
-        played on, 2 when something in the arguments is wrong.
+        played on, 2 when something in the arguments is wrong, 3 when the programme was aborted.
     """
     argv = list(sys.argv if args is None else args)
     plain = remove_ros_args(args=argv)[1:]

@@ -280,8 +280,8 @@ def test_diagnostics_tell_the_timing_of_each_controller(bench):
     bench.until(lambda: bench.peer.report("controller decentral") is not None)
     keys = {pair.key for pair in bench.peer.report("controller decentral").values}
     assert {"latency mean [ms]", "latency 99 % [ms]", "latency max [ms]", "jitter [ms]", "missed", "late"} <= keys
-    assert bench.peer.report("arbiter").message.startswith("auto: decentral")
-    assert bench.peer.report("process").message == "sensors valid, all values within limits"
+    bench.until(lambda: bench.peer.report("arbiter").message.startswith("auto: decentral"))
+    bench.until(lambda: bench.peer.report("process").message == "sensors valid, all values within limits")
 
 
 def test_parameters_can_be_changed_while_running_and_are_checked(bench):

@@ -28,8 +28,8 @@ from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Rules, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.limits import EMULATOR, REFERENCE, limits
-from fsw_hmi.page_files import UPLOT
 from fsw_hmi.security import Security
+from fsw_hmi.uplot import Uplot
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until
@@ -105,13 +105,14 @@ class FakeHmi:
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._uplot = Uplot()
         app = Starlette(
             routes=[
                 Route("/", self._index),
                 Route("/bags", self._bags),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
-                Mount("/page/uplot", StaticFiles(directory=UPLOT)),
+                Route("/page/uplot/{name}", self._uplot_file),
                 Mount("/page", StaticFiles(directory=PAGE)),
             ],
             lifespan=self._run_ticks,
@@ -291,6 +292,11 @@ class FakeHmi:
         text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
         return Response(text, media_type="text/html")
 
+    async def _uplot_file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        kind = "text/css" if name.endswith(".css") else "text/javascript"
+        return Response(await self._uplot.file(name), media_type=kind)
+
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]
         return JSONResponse({"build": BUILD, "limits": LIMITS, "bags": infos})
@@ -305,8 +311,12 @@ def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     return [
         _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
+        _alarm("failover", "decentral commands in place of nmpc: nmpc was late 3 times", "medium", "active", now_s - 9),
+        _alarm("force_kn", "Axial force does not follow the command", "medium", "acknowledged", now_s - 120),
         _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
-        _alarm("force_high:warn", "Force near the limit of the drive", "medium", "cleared", now_s - 90),
+        _alarm(
+            "force_high:warn", "Force near the limit of the drive and its load cell", "medium", "cleared", now_s - 90
+        ),
         _alarm("node:x", "x no longer reports", "low", "shelved", now_s - 300, shelved_until_s=now_s + 300),
     ]
 
@@ -336,9 +346,10 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
 def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
     return {
         **{"id": name, "text": text, "priority": priority, "state": state, "present": state != "cleared", "count": 1},
-        "consequence": "The controllers do without it for a short time only.",
-        "advice": "Check the sensor, then swap the controller or stop.",
+        "consequence": "The controllers do without it for a short time only",
+        "advice": "Check the sensor, then swap the controller or stop",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s, "changed_s": raised_s},
+        "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,
     }

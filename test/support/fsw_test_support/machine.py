@@ -17,12 +17,16 @@ from fsw_plant import PlantConfig, PlantEmulator
 from fsw_test_support.machine_server import MachineServer
 from fsw_test_support.waiting import PATIENCE_S
 
+_reserved: list[socket.socket] = []
+
 
 def free_port() -> int:
-    """A TCP port that nobody listens on."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
+    """A TCP port that nobody listens on, and on which only a server that is told of it will: it stays bound here."""
+    one = socket.socket()
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    one.bind(("127.0.0.1", 0))
+    _reserved.append(one)
+    return int(one.getsockname()[1])
 
 
 def write_machine_file(path: Path, port: int, text: str, **changes: Any) -> Path:

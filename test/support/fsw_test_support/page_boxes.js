@@ -8,6 +8,7 @@ function layoutFaults(mayScroll) {
     overfull: overfull(),
     overlapping: overlapping(),
     "stop hidden": stopHidden(),
+    "verdict covered": verdictCovered(),
     "wider than the screen": document.documentElement.scrollWidth > innerWidth ? [document.documentElement.scrollWidth] : [],
     "higher than the screen": !mayScroll && document.documentElement.scrollHeight > innerHeight ? [document.documentElement.scrollHeight] : [],
   };
@@ -39,6 +40,7 @@ function clipped() {
   const own = all("body *").filter((one) => [...one.childNodes].some((node) => node.nodeType === Node.TEXT_NODE && node.data.trim()));
   return own.filter((one) => {
     if (one.closest(".uplot, .reading, option")) return false;
+    if (one.title && one.title === one.textContent) return false; // ends in an ellipsis, and is whole where one points
     if (getComputedStyle(one).overflowX !== "visible" && (one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1)) return true;
     const range = document.createRange();
     range.selectNodeContents(one);
@@ -85,4 +87,19 @@ function stopHidden() {
   const below = isFixed(stop) ? all("button, .panel").filter((one) => one !== stop && !one.closest("dialog") && inView(one)?.bottom > stop.getBoundingClientRect().top + 1) : [];
   scrollTo(0, 0);
   return [...found, ...below.map((one) => `${name(one)} cannot be scrolled out from under it`)];
+}
+
+/** Forms that lie over the verdict. */
+function verdictCovered() {
+  const verdict = document.querySelector("#verdict")?.getBoundingClientRect();
+  return verdict ? all("dialog").filter((one) => one.getBoundingClientRect().top < verdict.bottom).map(name) : [];
+}
+
+/** Where everything is that must not move, by name: panels, controls, numerals, charts. */
+function places() {
+  const fixed = all("#status > *, .panel, #commands .acting button, #alarms > button, #values output, .scale, .toolbar button, .plot, .axis");
+  return Object.fromEntries(fixed.map((one, i) => {
+    const { x, y, width, height } = one.getBoundingClientRect();
+    return [`${i} ${one.id || one.className}`, [x, y, one.matches("output") ? 0 : width, height].map(Math.round)];
+  }));
 }

@@ -12,3 +12,8 @@ def faults(page: Any, may_scroll: bool = False) -> dict[str, list[str]]:
     """Faults of the layout by kind; empty where all is well. ``may_scroll``: the page may be higher than the screen."""
     asked = f"layoutFaults({str(may_scroll).lower()})"
     return dict(page.evaluate(f"(() => {{ {_MEASURE}\nreturn {asked}; }})()"))
+
+
+def places(page: Any) -> dict[str, list[int]]:
+    """Where everything is that must not move when a state changes."""
+    return dict(page.evaluate(f"(() => {{ {_MEASURE}\nreturn places(); }})()"))

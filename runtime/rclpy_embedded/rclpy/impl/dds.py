@@ -1,8 +1,9 @@
-"""Cyclone DDS entities that carry ready-made CDR, with the QoS and USER_DATA of rmw_cyclonedds."""
+"""Cyclone DDS entities that carry serialized messages (CDR), with the QoS and USER_DATA of rmw_cyclonedds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -53,7 +54,8 @@ def matched(handles: Callable[[], list[int]]) -> list[int]:
 def delete(entity: Entity | None) -> None:
     """Delete the DDS entity now, even if the Python object is still referenced."""
     if entity is not None:
-        entity.__del__()
+        with suppress(KeyError):  # another thread deletes it, too
+            entity.__del__()
 
 
 def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:

@@ -1,4 +1,4 @@
-"""Which peers are looked for: the ROS environment variables as a Cyclone DDS configuration."""
+"""The range of discovery: ROS environment variables as a Cyclone DDS configuration."""
 
 import os
 import sys
@@ -29,7 +29,7 @@ def loopback_only() -> bool:
 
 
 def discovery_range(environ: Mapping[str, str] = os.environ) -> str:
-    """Return the range asked for: SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT."""
+    """Return the requested range: SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT."""
     if environ.get("ROS_LOCALHOST_ONLY", "") == "1":
         return "LOCALHOST"
     wanted = environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"

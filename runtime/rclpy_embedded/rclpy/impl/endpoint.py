@@ -2,7 +2,8 @@
 
 import copy
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -41,13 +42,30 @@ class Endpoint(Destroyable):
             self.condition = ReadCondition(entities[0], SampleState.Any | ViewState.Any | InstanceState.Any)
         local_node.session.add_endpoints(local_node, *entities)
 
-    def destroy(self) -> None:
-        if self._handle is not None:
-            super().destroy()
-            for handler in self.event_handlers:
-                handler.destroy()
-            delete(self.condition)
-            self._local_node.session.remove_endpoints(self._local_node, *self._entities)
+    @contextmanager
+    def using(self, complaint: str) -> Iterator[Any]:
+        """Use the handle; InvalidHandle or an RCLError with `complaint` if it or the context is gone, now or later."""
+        handle = self.handle
+        try:
+            with self._local_node.session.using(complaint):
+                yield handle
+        except RCLError:
+            self._check()
+            raise
+
+    def _samples(self) -> Any:
+        """Take the next sample, if there is one."""
+        try:
+            return self.handle.take(1)
+        except DDSException as error:
+            self._check()
+            raise RCLError(f"failed to take from '{self._name}': {error}") from error
+
+    def _clean_up(self) -> None:
+        for handler in self.event_handlers:
+            handler.destroy()
+        delete(self.condition)
+        self._local_node.session.remove_endpoints(self._local_node, *self._entities)
 
 
 class TopicEndpoint(Endpoint):
@@ -172,11 +190,12 @@ class ServiceEndpoint(Endpoint):
         try:
             self._writer.write(self._writer.data_type(self._sent.serialize(message, prefix)))
         except DDSException as error:
+            self._check()
             raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
 
     def _receive(self, writer_guid: bytes = b"") -> tuple[RequestId, Any, Any] | None:
         """Take the next message, its id and its SampleInfo; with `writer_guid`, only what belongs to this client."""
-        for sample in self.handle.take(1):
+        for sample in self._samples():
             if sample.sample_info.valid_data and sample.data.startswith(writer_guid, _ENCAPSULATION_SIZE):
                 try:
                     header, message = self._received.deserialize_with_prefix(sample.data, _HEADER.size)

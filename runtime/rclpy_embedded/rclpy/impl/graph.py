@@ -1,7 +1,8 @@
-"""What is known of a domain: participants, nodes and endpoints, brought up to date at every query."""
+"""What is known about a domain: participants, nodes and endpoints, updated at every query."""
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any
 
 from cyclonedds.builtin import (
@@ -67,12 +68,22 @@ def _drain(reader: Any) -> Iterator[Any]:
 
 
 class Graph:
-    """Participants, nodes and endpoints of a domain; `info_reader` receives ros_discovery_info."""
+    """Participants, nodes and endpoints of a domain; `info_reader` receives ros_discovery_info.
 
-    def __init__(self, participant: DomainParticipant, info_reader: Any, deserialize: Callable[[bytes], Any]) -> None:
+    `using` guards queries: it raises an error with the text it is given once the context is shut down.
+    """
+
+    def __init__(
+        self,
+        participant: DomainParticipant,
+        info_reader: Any,
+        deserialize: Callable[[bytes], Any],
+        using: Callable[[str], AbstractContextManager[None]],
+    ) -> None:
         self._lock = threading.Lock()
         self._info_reader = info_reader
         self._deserialize = deserialize
+        self._using = using
         self._participant = participant
         self._participant_reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
         # Made at the first query: most programs have none.
@@ -84,7 +95,7 @@ class Graph:
         self._announced: dict[bytes, list[Any]] = {}
 
     def tidy(self) -> None:
-        """Take what has come since the last query, so that it does not pile up between queries."""
+        """Take what has arrived since the last query, so that it does not accumulate between queries."""
         with self._lock:
             self._update()
 
@@ -115,13 +126,13 @@ class Graph:
 
     def nodes(self) -> list[tuple[str, Any]]:
         """Return all nodes of the participants that are alive: enclave and what is announced of the node."""
-        with self._lock:
+        with self._using("failed to look at the graph"), self._lock:
             self._update()
             enclaves = self._enclaves.items()
             return [(enclave, node) for guid, enclave in enclaves for node in self._announced.get(guid, ())]
 
     def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
-        with self._lock:
+        with self._using("failed to look at the graph"), self._lock:
             if not self._endpoint_readers:
                 topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
                 self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]

@@ -101,7 +101,7 @@ class LoggingSystem:
         self.stdout_enabled = True
 
     def configure(self, arguments: Any) -> None:
-        """Apply a command line (`rclpy.arguments.Arguments`): levels and outputs; done by the first context."""
+        """Apply a command line (`rclpy.arguments.Arguments`): levels and outputs; called by the first context."""
         if arguments.default_log_level is not LoggingSeverity.UNSET:
             self._levels[""] = arguments.default_log_level
         self._levels.update(arguments.log_levels)
@@ -109,7 +109,7 @@ class LoggingSystem:
         self.rosout_enabled = arguments.rosout_logs
 
     def finish(self) -> None:
-        """Go back to console output only; done after the last context."""
+        """Return to console output only; called after the last context."""
         self.stdout_enabled = True
         self.rosout_enabled = False
 
@@ -129,7 +129,8 @@ class LoggingSystem:
             publishers.remove(publish)
         if not publishers:
             self._publishers.pop(logger_name, None)
-            self._children = {name: entry for name, entry in self._children.items() if entry[0] is not publishers}
+            children = list(self._children.items())  # in one step, because another thread may add one
+            self._children = {name: entry for name, entry in children if entry[0] is not publishers}
 
     def add_child(self, parent_name: str, child: Any) -> None:
         """Publish the messages under the name of a child as those of its parent, as long as the child is in use."""
@@ -143,7 +144,7 @@ class LoggingSystem:
     def _publish(self, message: msg.Log) -> None:
         """Publish a message if its logger is that of a node, or a child of one."""
         publishers = self._publishers_of(message.name)
-        # A message that is logged while another one is published would never come to an end.
+        # A message logged while another one is published would cause an endless recursion.
         if not publishers or getattr(self._state, "publishing", False):
             return
         self._state.publishing = True

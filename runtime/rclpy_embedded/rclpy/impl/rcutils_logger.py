@@ -1,4 +1,4 @@
-"""Loggers, with filters by place in the code."""
+"""Loggers, with filters per call site."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class RcutilsLogger:
         return child
 
     def set_level(self, level: LoggingSeverity | int) -> None:
-        """Set the level; UNSET means that of the parent."""
+        """Set the level; UNSET inherits that of the parent."""
         system.set_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
@@ -128,14 +128,14 @@ class RcutilsLogger:
         """Log a message, unless the level or a filter drops it; return whether it was logged.
 
         `throttle_duration_sec` (by the clock `throttle_time_source_type`), `skip_first` and `once` filter the messages
-        of one place in the code, where they and the severity must always be the same. `name` stands for another logger.
+        of one call site, at which they and the severity must not change. `name` is that of another logger.
         """
         severity = LoggingSeverity(severity)
         if severity < system.effective_level(self.name):
             return False
         name = kwargs.pop("name", self.name)
         _check_options(kwargs)
-        # An option that is False or 0 is none.
+        # An option that is False or 0 is ignored.
         options = {key: value for key, value in kwargs.items() if value}
         if not isinstance(message, str):
             raise TypeError(f"a log message must be a str, got {type(message).__name__}: use str(...)")

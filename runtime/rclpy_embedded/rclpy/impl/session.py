@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import atexit
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
-from weakref import WeakSet
 
-from cyclonedds.core import Entity, Policy, Qos
+from cyclonedds.core import DDSException, Entity, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.sub import DataReader, Subscriber
@@ -18,7 +18,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
 from rclpy.impl.discovery import configuration, discovery_range, static_peers
 from rclpy.impl.graph import Graph
-from rclpy.impl.handle import Handle
+from rclpy.impl.handle import Handle, WeakMembers
 from rclpy.impl.type_information import hidden
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
@@ -35,9 +35,11 @@ class _Domain:
 
 _domains: dict[int, _Domain] = {}
 _domains_lock = threading.Lock()
-# While a topic's type information is hidden, the same topic cannot be made again.
-_topics_lock = threading.Lock()
-_sessions: WeakSet[Session] = WeakSet()
+# Topics are made and deleted one at a time. While the type information of one is hidden, it cannot be made again; and
+# Cyclone DDS 11.0.1 reads its table of types without a lock while it makes one, and crashes if it changes meanwhile.
+# Reentrant, because the garbage collector may close another session at any moment.
+_topics_lock = threading.RLock()
+_sessions: WeakMembers[Session] = WeakMembers()
 
 _INFO_WRITER = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _INFO_READER = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -89,7 +91,9 @@ class Session(Handle):
         self._lock = threading.RLock()
         self._ids = 0
         self._closed = False
-        self._endpoints: WeakSet[Reader | Writer] = WeakSet()
+        self._endpoints: WeakMembers[Reader | Writer] = WeakMembers()
+        # By name and type, kept until the end: the garbage collector would delete them without the lock.
+        self._topics: dict[tuple[str, str], Topic[RawSample]] = {}
         self._left: list[Reader | Writer] = []
         self.is_shut_down = False
         _acquire_domain(domain_id)
@@ -101,18 +105,21 @@ class Session(Handle):
         self._info_writer = self.create(Writer, "ros_discovery_info", self.info_support, _INFO_WRITER)
         self.info_reader = self.create(Reader, "ros_discovery_info", self.info_support, _INFO_READER)
         #: What is known of all participants of the domain.
-        self.graph = Graph(self.participant, self.info_reader, self.info_support.deserialize)
+        self.graph = Graph(self.participant, self.info_reader, self.info_support.deserialize, self.using)
         _sessions.add(self)
 
     def create(
         self, kind: type[_Kind], dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = ""
     ) -> _Kind:
         """Create a writer or reader; `prefix` precedes the type hash in its USER_DATA."""
-        self.check(f"failed to create an endpoint of '{dds_topic}'")
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
-        with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
-            parent: Any = self.publisher if kind is Writer else self.subscriber
-            endpoint = kind(parent, topic, qos)
+        parent: Any = self.publisher if kind is Writer else self.subscriber
+        with self.using(f"failed to create an endpoint of '{dds_topic}'"), _topics_lock:
+            key = dds_topic, support.dds_name
+            if key not in self._topics:
+                self._topics[key] = Topic(self.participant, dds_topic, raw_type(support.dds_name))
+            with hidden(self._topics[key]) as topic:
+                endpoint = kind(parent, topic, qos)
         self._endpoints.add(endpoint)
         return endpoint
 
@@ -120,6 +127,15 @@ class Session(Handle):
         """Raise an RCLError with `complaint` if the context was shut down."""
         if self.is_shut_down:
             raise RCLError(f"{complaint}: the context is invalid")
+
+    @contextmanager
+    def using(self, complaint: str) -> Iterator[None]:
+        """Raise an RCLError with `complaint` if the context is shut down, or what is used is destroyed meanwhile."""
+        self.check(complaint)
+        try:
+            yield
+        except DDSException as error:
+            raise RCLError(f"{complaint}: the context or an entity is invalid: {error}") from error
 
     def next_id(self) -> str:
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""
@@ -129,7 +145,7 @@ class Session(Handle):
         return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
 
     def add_node(self, node: LocalNode) -> None:
-        with self._lock:
+        with self.using("failed to announce the node"), self._lock:
             self._info.node_entities_info_seq.append(node.info)
             self._announce()
 
@@ -141,7 +157,7 @@ class Session(Handle):
                 self._announce()
 
     def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
-        with self._lock:
+        with self.using("failed to announce endpoints"), self._lock:
             for endpoint in endpoints:
                 node.gids(endpoint).append(_gid(endpoint))
             self._announce()
@@ -163,14 +179,19 @@ class Session(Handle):
         self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(self._info)))
 
     def close(self) -> None:
-        with self._lock:
-            if not self._closed:
+        """Leave the graph; return when that is done, also if another thread does it."""
+        with _topics_lock:
+            with self._lock:
+                if self._closed:
+                    return
                 self._closed = True
-                _sessions.discard(self)
-                _delete_all([*self._endpoints])
-                self._left.clear()
-                delete(self.participant)
-                _release_domain(self.domain_id)
+            _delete_all(list(self._endpoints))
+            self._left.clear()
+            for topic in self._topics.values():
+                delete(topic)
+            delete(self.participant)
+            _release_domain(self.domain_id)
+            _sessions.discard(self)
 
 
 def _delete_all(endpoints: Sequence[Reader | Writer]) -> None:
@@ -211,5 +232,5 @@ def _release_domain(domain_id: int) -> None:
 @atexit.register
 def _close_all() -> None:
     """Leave the domain at exit in any case; else peers would take the nodes for alive until the lease ends."""
-    for session in list(_sessions):
+    for session in _sessions:
         session.close()

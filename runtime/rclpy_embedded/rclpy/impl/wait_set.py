@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Self
 
 from cyclonedds.core import DDSException, Entity, GuardCondition, WaitSet
 from rclpy.impl.dds import delete
@@ -61,10 +61,17 @@ class ConditionSet:
         triggered = int(self._waitset.wait(min(timeout_ns, _LONGEST_WAIT_NS)))
         if self._woken:
             with self._guard_lock:
-                self._woken = False
+                # In this order: an interrupt in between may delay a later wake, but must not leave the guard set.
                 self._guard.set(False)
+                self._woken = False
             triggered -= 1
         return max(0, triggered)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
 
     def close(self) -> None:
         with self._guard_lock:

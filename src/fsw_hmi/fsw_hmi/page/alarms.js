@@ -1,68 +1,81 @@
-// The alarms: priority, state, what came first, what follows, what to do; acknowledge, shelve.
+// The alarms, two lines each, one where it is gone; of the one that is open also what follows and what to do.
 import { choiceField, openForm, textField } from "./dialog.js";
-import { byId, el, panel, renew, setText } from "./dom.js";
+import { byId, el, panel, renew, scroll, setShort, setText } from "./dom.js";
 import { clock } from "./format.js";
 
 const SIGN = { high: "■", medium: "▲", low: "●" };
-const STATE = { active: "not acknowledged", acknowledged: "acknowledged", cleared: "gone, not acknowledged", shelved: "shelved" };
+const STATE = { active: "not acknowledged", acknowledged: "acknowledged", cleared: "gone", shelved: "shelved" };
 const SHELVES_MIN = [5, 20, 60];
-const needsAcknowledging = (alarm) => alarm.state === "active" || alarm.state === "cleared";
+const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active" || state === "cleared";
 
 export class Alarms {
+  /** @type {Set<string>} */
   #told = new Set();
+  /** @type {string[]} */
+  #waiting = [];
+  /** @type {string?} */
+  #opened = null; // whose id was chosen; null: the first is open
+  /** @type {[Alarm[], Reach | null]} */
+  #latest = [[], null];
 
-  /** @param acknowledge `(ids)` @param ask `(text, request, fields)`, resolves to its answer */
-  constructor(acknowledge, ask) {
-    this.acknowledge = acknowledge;
-    this.ask = ask;
+  /** @param {import("./command.js").Commands} commands */
+  constructor(commands) {
+    this.commands = commands;
     this.list = el("ol", { className: "alarms" });
     this.count = el("span", { className: "count" });
-    this.all = el("button", { type: "button", onclick: () => acknowledge(this.waiting) }, "Acknowledge all");
     this.reach = el("p", { className: "reach detail" });
-    this.root = panel("alarms", "Alarms ", el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "List of alarms" }, this.reach, this.list));
-    this.root.firstChild.append(this.count);
-    this.root.firstChild.after(this.all);
-    this.update([]);
+    this.all = el("button", { type: "button", onclick: () => commands.acknowledge(this.#waiting) }, "Ack all");
+    this.root = panel("alarms", "Alarms ", this.reach, this.all, scroll("List of alarms", this.list));
+    this.root.firstElementChild?.append(this.count);
   }
 
-  /** @param {any[]} alarms in the order to be shown @param {{ok: boolean, text: string}?} reach whether commands reach the machine */
-  update(alarms, reach = null) {
-    this.waiting = alarms.filter(needsAcknowledging).map((alarm) => alarm.id);
-    setText(this.count, alarms.length ? `${alarms.length}, ${this.waiting.length} to acknowledge` : "none");
-    this.all.hidden = this.waiting.length === 0;
-    this.reach.hidden = !reach?.text || reach.ok === false; // what is wrong is an alarm
-    setText(this.reach, reach?.text ? `${reach.ok ? "✓ " : ""}${reach.text}` : "");
+  /** @param {Alarm[]} alarms in the order to be shown @param {Reach | null} reach whether commands reach the machine */
+  update(alarms, reach) {
+    this.#latest = [alarms, reach];
+    const { lack } = this.commands;
+    this.#waiting = alarms.filter(needsAcknowledging).map((alarm) => alarm.id);
+    setText(this.count, alarms.length ? `${alarms.length}, ${this.#waiting.length} to acknowledge` : "none");
+    this.all.disabled = Boolean(lack) || !this.#waiting.length;
+    this.all.title = lack || (this.#waiting.length ? "" : "nothing is to be acknowledged");
+    const reaches = reach?.text && reach.ok !== false ? `${reach.ok ? "✓ " : ""}${reach.text}` : ""; // what is wrong is an alarm
+    setShort(this.reach, [reaches, lack && alarms.length ? "Ack and Shelve need control." : ""].filter(Boolean).join(" · "));
     const focused = /** @type {HTMLElement?} */ (document.activeElement)?.dataset.alarm;
-    renew(this.list, JSON.stringify(alarms), () => alarms.map((alarm) => this.#entry(alarm)));
+    const opened = alarms.find(({ id }) => id === this.#opened) ?? (this.#opened === "" ? null : alarms[0]);
+    renew(this.list, JSON.stringify([alarms, lack, opened?.id]), () => alarms.map((alarm) => this.#entry(alarm, alarm === opened)));
     if (focused) /** @type {HTMLElement?} */ (this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`))?.focus();
     this.#announce(alarms);
   }
 
-  #entry(alarm) {
-    const { text, consequence, advice, priority, state } = alarm;
-    const lines = [[detail(alarm), "detail"], [[consequence, advice].filter(Boolean).join(". "), "advice"]];
-    return el(
-      "li",
-      { className: `alarm ${priority} ${state}` },
-      el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]),
-      el("div", {}, el("strong", {}, text), ...lines.map(([line, className]) => el("span", { className }, line))),
-      el("div", { className: "acts" }, ...this.#buttons(alarm)),
-    );
+  /** @param {Alarm} alarm @param {boolean} open */
+  #entry(alarm, open) {
+    const { id, text, consequence, advice, priority, state } = alarm;
+    const what = el("span", { className: "what" }, el("strong", { title: text }, text), " ", el("span", { className: "detail" }, detail(alarm, open)));
+    const summary = el("summary", { onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
+    summary.dataset.alarm = id;
+    const more = [consequence, `→ ${advice}`].map((line) => el("p", {}, line));
+    return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, ...more), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
 
-  #buttons(alarm) {
+  #open(/** @type {Event} */ event, /** @type {string} */ id) {
+    event.preventDefault();
+    this.#opened = id;
+    this.update(...this.#latest);
+  }
+
+  /** @param {Alarm} alarm @param {boolean} open */
+  #buttons(alarm, open) {
     const { id, text, priority, state } = alarm;
-    const button = (name, label, onclick) => {
-      const made = el("button", { type: "button", "aria-label": `${label}: ${text}`, onclick }, name);
+    const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) => {
+      const made = el("button", { type: "button", "aria-label": `${name}: ${text}`, disabled: Boolean(this.commands.lack), title: this.commands.lack, onclick }, name);
       made.dataset.alarm = `${name} ${id}`;
       return made;
     };
-    if (state === "shelved") return [button("Back", "Take back", () => this.ask("Take an alarm back", "unshelve", { alarm: id }))];
-    const shelve = priority === "high" ? [] : [button("Shelve", "Shelve", () => this.#shelve(alarm))];
-    return needsAcknowledging(alarm) ? [button("Ack", "Acknowledge", () => this.acknowledge([id])), ...shelve] : shelve;
+    if (state === "shelved") return [button("Back", () => this.commands.ask("Take an alarm back", "unshelve", { alarm: id }))];
+    const shelve = priority === "high" || !open ? [] : [button("Shelve", () => this.#shelve(alarm))];
+    return needsAcknowledging(alarm) ? [button("Ack", () => this.commands.acknowledge([id])), ...shelve] : shelve;
   }
 
-  #shelve({ id, text }) {
+  #shelve(/** @type {Alarm} */ { id, text }) {
     const minutes = choiceField("For", SHELVES_MIN.map((one) => ({ value: String(one), text: `${one} min` })), String(SHELVES_MIN[0]));
     const reason = textField("Why");
     openForm({
@@ -70,23 +83,26 @@ export class Alarms {
       fields: [minutes, reason],
       summary: () => `${text}: out of the way for ${minutes.value} min. It comes back by itself.`,
       confirm: "Shelve",
-      run: () => this.ask("Shelve an alarm", "shelve", { alarm: id, minutes: Number(minutes.value), reason: reason.value }),
+      run: () => this.commands.ask("Shelve an alarm", "shelve", { alarm: id, minutes: Number(minutes.value), reason: reason.value }),
     });
   }
 
   /** Say only what is new: a list read out again at every change would be noise. */
-  #announce(alarms) {
+  #announce(/** @type {Alarm[]} */ alarms) {
     const present = alarms.filter((alarm) => alarm.state === "active");
-    const key = (alarm) => `${alarm.id} ${alarm.count}`;
+    const key = (/** @type {Alarm} */ alarm) => `${alarm.id} ${alarm.count}`;
     const fresh = present.filter((alarm) => !this.#told.has(key(alarm)));
     this.#told = new Set(present.map(key));
     if (fresh.length) byId("announce-alarms").textContent = fresh.map((alarm) => `${alarm.priority} alarm: ${alarm.text}`).join(". ");
   }
 }
 
-/** One line: when, how urgent, how it stands, what it had to do with a trip. */
-function detail({ priority, state, count, chatters, first_out: firstOut, first, text, raised_s: raised, shelved, shelved_until_s: until }) {
-  const parts = [clock(raised), priority, state === "shelved" ? `shelved until ${clock(until)} by ${shelved}` : STATE[state]];
+/** When, how urgent, how it stands, what it had to do with a trip. @param {Alarm} alarm @param {boolean} open */
+function detail({ priority, state, count, chatters, first_out: firstOut, first, first_s: firstS, text, raised_s: raised, shelved, shelved_until_s: until }, open) {
+  if (state === "cleared" && !open) return clock(raised);
+  const parts = [count > 1 ? `${clock(firstS)} – ${clock(raised)}` : clock(raised), priority];
+  if (state === "shelved") parts.push(`shelved until ${clock(until)}`, ...(open ? [shelved] : []));
+  else if (state !== "active" || open) parts.push(STATE[state]);
   if (count > 1) parts.push(`${count} times`);
   if (chatters) parts.push("comes and goes");
   if (firstOut) parts.push("first out");

@@ -1,10 +1,9 @@
 // The page over recorded welds: scrub, play, zoom; two of them are drawn over each other.
 import { Bars } from "./bars.js";
-import { byId, el, panel, setText } from "./dom.js";
+import { byId, el, panel, scroll, setText } from "./dom.js";
 import { clock, fixed, NONE, span, words } from "./format.js";
 import { Player } from "./player.js";
-import { countBefore } from "./store.js";
-import { drawTime, LINES, liveLines, Trends, withQuality } from "./trends.js";
+import { drawTime, LINES, liveLines, Trends, uPlotReady, withQuality } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
 
 const SECOND = "#1f5f9e";
@@ -15,8 +14,10 @@ export async function startBag() {
   const title = el("p", {}, el("strong", {}, "Reading"));
   byId("status").append(el("section", {}, title));
   try {
+    /** @type {{bags: Weld[], limits: Limits}} */
     const { bags, limits } = await get("bags");
     const welds = await Promise.all(bags.map(async (bag) => ({ ...bag, ...(await get(`bags/${bag.n}`)) })));
+    await uPlotReady.catch(() => {});
     byId("status").replaceChildren();
     new BagPage(welds, limits);
   } catch (error) {
@@ -24,20 +25,24 @@ export async function startBag() {
   }
 }
 
-async function get(path) {
+async function get(/** @type {string} */ path) {
   const answer = await fetch(path);
   if (!answer.ok) throw new Error(`${path}: ${await answer.text()}`);
   return answer.json();
 }
 
 class BagPage {
-  constructor(welds, limits) {
+  who = el("strong");
+  phase = el("strong");
+  time = el("strong", { className: "time" });
+  whole = el("button", { type: "button", onclick: () => this.#zoom([0, this.durationS]) }, "Whole weld");
+  timeS = 0;
+
+  constructor(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
     this.welds = welds;
     this.limits = limits;
     this.first = welds[0];
-    this.times = this.first.rows.map((row) => row[0]);
     this.durationS = Math.max(...welds.map((weld) => weld.duration_s));
-    this.timeS = 0;
     /** @type {[number, number]} */
     this.range = [0, this.durationS];
     this.columns = overlaid(welds, limits);
@@ -53,10 +58,7 @@ class BagPage {
   }
 
   #head() {
-    const part = (...texts) => el("section", {}, el("p", {}, ...texts));
-    this.who = el("strong", {});
-    this.phase = el("strong", {});
-    this.time = el("strong", { className: "time" });
+    const part = (/** @type {Node[]} */ ...texts) => el("section", {}, el("p", {}, ...texts));
     const names = this.welds.map((weld) => weld.name).join(" and ");
     const start = this.first.start_s === null ? "simulated time" : `began ${new Date(this.first.start_s * 1000).toISOString().slice(0, 10)} ${clock(this.first.start_s)} UTC`;
     byId("status").append(
@@ -76,42 +78,41 @@ class BagPage {
     const head = el("tr", {}, ...["figure", ...this.welds.map((weld) => weld.name)].map((text) => el("th", { scope: "col" }, text)));
     const rows = names.map((name) => {
       const found = this.welds.map((weld) => weld.kpis.find((one) => one.name === name));
-      const unit = found.find(Boolean).unit;
-      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit.replace("degC", "°C")}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
+      const unit = found.find(Boolean)?.unit;
+      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
     });
     const table = el("table", { className: "figures" }, el("thead", {}, head), el("tbody", {}, ...rows));
     const problems = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
-    return panel("figures", "Figures of merit", scroll("Figures of merit", table, el("ul", { className: "notes" }, ...problems)));
+    return panel("figures", "Figures of merit", scroll("Table of the figures", table, el("ul", { className: "notes" }, ...problems)));
   }
 
   #phases() {
-    const error = (one) => (one ? `${fixed(one.mean, 2)} ± ${fixed(one.sigma, 2)}` : NONE);
+    const error = (/** @type {Spread?} */ one) => (one ? `${fixed(one.mean, 2)} ± ${fixed(one.sigma, 2)}` : NONE);
     const rows = this.welds.flatMap((weld) =>
       weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, (this.welds.length > 1 ? `${weld.name}: ` : "") + words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
     );
     const head = el("tr", {}, ...["phase", "from", "error °C", "error mm"].map((text) => el("th", { scope: "col" }, text)));
-    const made = panel("phases", "Phases, mean error ± σ", scroll("Phases", el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
+    const made = panel("phases", "Phases, mean error ± σ", scroll("Table of the phases", el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
     made.hidden = rows.length === 0;
     return made;
   }
 
   #events() {
     const all = this.welds.flatMap((weld) => weld.events.map((one) => ({ ...one, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
-    const entry = (one) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(one.time_s) }, el("time", {}, span(one.time_s)), ` ${this.welds.length > 1 ? `${one.of}: ` : ""}${one.text}`));
-    return panel("events", "Events ", scroll("Events", el("ol", {}, ...all.map(entry))));
+    const entry = (/** @type {typeof all[0]} */ one) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(one.time_s) }, el("time", {}, span(one.time_s)), ` ${this.welds.length > 1 ? `${one.of}: ` : ""}${one.text}`));
+    return panel("events", "Events ", scroll("List of the events", el("ol", {}, ...all.map(entry))));
   }
 
   #plots() {
-    this.whole = el("button", { type: "button", onclick: () => this.#zoom([0, this.durationS]) }, "Whole weld");
-    const key = (kind, text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
+    const key = (/** @type {string} */ kind, /** @type {string} */ text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
     const names = this.welds.map((weld, i) => key(i ? "second" : "measured", weld.name));
     const plots = el("div", { className: "plots" });
     byId("trends").append(el("div", { className: "toolbar" }, this.whole, el("span", { className: "detail" }, "drag in a trend to zoom"), el("ul", { className: "legend" }, ...names)), plots);
-    const second = (name) => (this.welds.length > 1 ? [{ ...LINES.value(`${name}#1`), stroke: SECOND, dash: [7, 3] }] : []);
+    const second = (/** @type {string} */ name) => (this.welds.length > 1 ? [{ ...LINES.value(`${name}#1`), stroke: SECOND, dash: [7, 3] }] : []);
     this.trends = new Trends(plots, {
       lines: (name) => [...second(name), ...liveLines(name, this.limits)],
-      label: (timeS) => span(timeS),
-      splits: (min, max) => splits(min, max),
+      label: span,
+      splits,
       zoom: (range) => this.#zoom(range),
       overlay: (u) => {
         for (const event of this.first.events) drawTime(u, event.time_s, "#8d959a", [2, 3]);
@@ -120,15 +121,15 @@ class BagPage {
     });
   }
 
-  #zoom([from, to]) {
+  #zoom(/** @type {[number, number]} */ [from, to]) {
     this.range = [Math.max(0, from), Math.min(this.durationS, to)];
     this.whole.disabled = this.range[0] === 0 && this.range[1] === this.durationS;
     this.trends?.draw(this.columns, ...this.range);
   }
 
-  #show(timeS) {
+  #show(/** @type {number} */ timeS) {
     this.timeS = timeS;
-    const row = this.first.rows[Math.max(0, countBefore(this.times, timeS + 1e-6) - 1)] ?? [];
+    const row = this.first.rows.findLast((one) => one[0] <= timeS + 1e-6) ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values);
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
@@ -141,22 +142,21 @@ class BagPage {
   }
 }
 
-const scroll = (label, ...children) => el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": `List: ${label.toLowerCase()}` }, ...children);
-
 /** Columns by name; those of the second weld carry `#1`, all on one time axis. */
-function overlaid(welds, limits) {
+function overlaid(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
   const tables = welds.map((weld, n) => {
+    /** @type {Columns} */
     const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
     return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withQuality(columns, limits);
   });
-  if (tables.length === 1) return tables[0];
-  const joined = uPlot.join(tables.map((table) => Object.values(table)));
+  if (tables.length === 1 || !globalThis.uPlot) return tables[0];
+  const joined = uPlot.join(tables.map((table) => /** @type {import("uplot").AlignedData} */ (Object.values(table))));
   const names = ["time_s", ...tables.flatMap((table) => Object.keys(table).slice(1))];
-  return Object.fromEntries(names.map((name, i) => [name, joined[i]]));
+  return Object.fromEntries(names.map((name, i) => [name, /** @type {Value[]} */ (joined[i])]));
 }
 
-function splits(min, max) {
-  const step = STEPS_S.find((one) => (max - min) / one <= SPLITS) ?? STEPS_S[STEPS_S.length - 1];
+function splits(/** @type {number} */ min, /** @type {number} */ max) {
+  const step = STEPS_S.find((one) => (max - min) / one <= SPLITS) ?? 3600;
   const places = [];
   for (let at = Math.ceil(min / step) * step; at <= max; at += step) places.push(at);
   return places;

@@ -24,6 +24,9 @@ export class Commands {
   #control = null; // as last told
   #due = 0; // until when control that is asked for must be answered
   #touched = -Infinity;
+  #lost = ""; // how control has got lost without anybody's doing
+  /** Why nothing can be commanded from here; empty where it can. */
+  lack = "";
 
   /**
    * @param {import("./live.js").LivePage} page what the page knows: hello, state, values, control, progress
@@ -34,25 +37,23 @@ export class Commands {
     this.page = page;
     this.connection = connection;
     this.actions = actions;
-    this.safeStopButton = el("button", { type: "button", id: "safe-stop", "aria-keyshortcuts": "Control+.", onclick: () => this.safeStop() }, el("strong", {}, "SAFE STOP"), el("span", {}, "Ctrl + ."));
-    this.control = el("p", { className: "control" });
-    this.access = el("div", { className: "buttons" });
-    this.logInButton = this.#button("Log in", () => this.logIn());
-    this.takeButton = this.#button("Take control", () => this.takeControl());
-    this.requestButton = this.#button("Ask for control", () => this.ask("Ask for control", "request_control"));
-    this.withdrawButton = this.#button("Withdraw request", () => this.ask("Withdraw request", "withdraw_request"));
-    this.releaseButton = this.#button("Release control", () => this.ask("Release control", "release_control"));
-    this.access.append(this.logInButton, this.takeButton, this.requestButton, this.withdrawButton, this.releaseButton);
-    this.acknowledgeStopButton = this.#button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
-    this.acting = [
-      this.acknowledgeStopButton,
-      this.#button("Set-points", () => setPoints(this)),
-      this.#button("Controller", () => this.switchController()),
-      this.#button("Mode", () => this.changeMode()),
-    ];
-    this.weldButtons = ["hold", "resume", "abort"].map((action) => this.#button(`${action[0].toUpperCase()}${action.slice(1)} weld`, () => this.weld(action)));
-    this.emulator = [this.#button("Disturb", () => disturb(this)), this.#button("Fault", () => fault(this))];
-    this.root = panel("commands", "Commands", this.control, this.access, el("div", { className: "buttons acting" }, ...this.acting, ...this.weldButtons, ...this.emulator));
+    this.safeStopButton = el("button", { type: "button", id: "safe-stop", "aria-keyshortcuts": "Control+.", onclick: () => this.safeStop() }, el("strong", {}, "SAFE STOP"));
+    this.stopHint = el("span", {});
+    this.safeStopButton.append(this.stopHint);
+    this.control = el("p", { className: "control", role: "status" });
+    this.logInButton = button("Log in", () => this.logIn());
+    this.takeButton = button("Take control", () => this.takeControl());
+    this.requestButton = button("Ask for control", () => this.ask("Ask for control", "request_control"));
+    this.withdrawButton = button("Withdraw request", () => this.ask("Withdraw request", "withdraw_request"));
+    this.releaseButton = button("Release control", () => this.ask("Release control", "release_control"));
+    const access = el("div", { className: "buttons" }, this.logInButton, this.takeButton, this.requestButton, this.withdrawButton, this.releaseButton);
+    const withHello = (/** @type {(hello: Hello, ask: Ask) => void} */ open) => () => page.hello && open(page.hello, this.ask);
+    this.acting = [button("Set-points", () => setPoints(page, this.ask)), button("Controller", () => this.switchController()), button("Mode", () => this.changeMode())];
+    this.welding = [button("Hold weld", () => this.weld("hold")), button("Resume weld", () => resume(page, () => this.weld("resume"))), button("Abort weld", () => this.abort())];
+    this.acknowledgeStop = button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
+    this.emulator = [button("Disturb", withHello(disturb)), button("Fault", withHello(fault))];
+    const acting = el("div", { className: "acting" }, ...this.acting, ...this.welding, this.acknowledgeStop, ...this.emulator);
+    this.root = panel("commands", "Commands", this.control, access, acting);
     document.addEventListener("keydown", (event) => {
       if (!event.ctrlKey || event.key !== ".") return;
       event.preventDefault();
@@ -65,31 +66,26 @@ export class Commands {
   /** Show what may be done now, and why not. */
   update() {
     const { hello, control, progress, state } = this.page;
-    const live = this.connection.live;
-    const inForce = live && control.authenticated && control.you;
-    this.#showControl(live, inForce);
-    for (const button of this.acting) button.disabled = !inForce;
-    this.acknowledgeStopButton.hidden = state?.actual_mode !== "safe_stop" || state.acknowledged;
-    for (const button of this.weldButtons) {
-      button.disabled = !inForce;
-      button.hidden = !progress;
-    }
-    for (const button of this.emulator) {
-      button.disabled = !inForce || control.role !== "engineer";
-      button.title = inForce && button.disabled ? "needs the role engineer" : "";
-      button.hidden = !hello?.emulator;
-    }
+    const { live } = this.connection;
+    this.#showControl(live);
+    const stopped = state.actual_mode === "safe_stop" && !state.acknowledged;
+    permit(this.acting, this.lack);
+    permit(this.welding, this.lack || (progress ? "" : "No programme of a weld runs."));
+    permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
+    permit(this.emulator, this.lack || (control.role === "engineer" ? "" : "This needs the role engineer."));
+    for (const one of this.emulator) one.hidden = !hello?.emulator;
     this.safeStopButton.disabled = !live;
-    setText(this.safeStopButton.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
+    setText(this.stopHint, live ? "Ctrl + ." : "not connected: stop at the machine");
     if (!live && this.#control?.you) closeForm(); // a login may go on
   }
 
   /** Who has control, who asks for it, and what this page can do about it. */
-  #showControl(live, inForce) {
+  #showControl(/** @type {boolean} */ live) {
     const { hello, control } = this.page;
     const { holder, you, request, name, authenticated, role, note } = control;
     if (control !== this.#control) {
       if (this.#control?.you && !you) closeForm(); // what it would send is no longer this page's to send
+      if (you) this.#lost = "";
       if (role && !authenticated) this.#credentials = null; // idle: who comes back must say who that is
       this.#control = control;
       this.#due = performance.now() + 1000 * (request?.left_s ?? 0);
@@ -98,19 +94,31 @@ export class Commands {
     const commands = authenticated && role !== "view";
     const own = hello?.login === "password" && holder?.name === name; // on another page
     const mayTake = commands && !you && (!holder || own || (request?.you && !request.left_s));
+    const reasons = [
+      [hello?.commands === false, "This server takes no commands."],
+      [!live, "Not connected."],
+      [!authenticated, "Log in to command."],
+      [!commands, "Your role is view: you may look, and stop."],
+      [!you && mayTake, "Take control to command."],
+      [!you && request?.you, `You have asked for it: ${leftS} s left to answer.`],
+      [!you, "Ask for control to command."],
+    ];
+    this.lack = String(reasons.find(([holds]) => holds)?.[1] ?? "");
     const has = holder ? `${holder.name}${you ? " (you)" : ""} has control.` : "Nobody has control.";
-    const why = hello?.commands === false ? " This server takes no commands." : !live ? " Not connected." : !authenticated ? " Log in to command." : !commands ? " Your role is view: you may look, and stop." : inForce ? "" : mayTake ? " Take control to command." : request?.you ? ` You have asked for it: ${leftS} s left to answer.` : " Ask for control to command.";
-    setText(this.control, has + why + (note ? ` ${note[0].toUpperCase()}${note.slice(1)}.` : ""));
+    const more = note || this.#lost;
+    setText(this.control, [has, this.lack, more && `${more[0].toUpperCase()}${more.slice(1)}.`].filter(Boolean).join(" "));
+    this.control.dataset.level = this.#lost ? "medium" : "";
     this.logInButton.hidden = authenticated || hello?.commands === false;
     this.takeButton.hidden = !mayTake;
     this.requestButton.hidden = !commands || you || mayTake || Boolean(request?.you);
-    this.requestButton.disabled = !live || Boolean(request);
     this.withdrawButton.hidden = !request?.you;
     this.releaseButton.hidden = !you;
-    for (const button of [this.logInButton, this.takeButton, this.withdrawButton, this.releaseButton]) button.disabled = !live;
+    permit([this.logInButton, this.takeButton, this.withdrawButton, this.releaseButton], live ? "" : "Not connected.");
+    permit([this.requestButton], !live ? "Not connected." : request ? `${request.name} has asked for it already.` : "");
     this.#showRequest(live && you ? request : null, leftS);
   }
 
+  /** @param {Control["request"]} request @param {number} leftS */
   #showRequest(request, leftS) {
     if (!request) return notice("");
     const to = { to: request.session };
@@ -118,8 +126,8 @@ export class Commands {
     notice(
       request.session,
       `${request.name} asks for control ${when}.`,
-      this.#button(`Hand over to ${request.name}`, () => this.ask(`Hand control over to ${request.name}`, "hand_over_control", to)),
-      this.#button("Keep control", () => this.ask("Keep control", "keep_control", to)),
+      button(`Hand over to ${request.name}`, () => this.ask(`Hand control over to ${request.name}`, "hand_over_control", to)),
+      button("Keep control", () => this.ask("Keep control", "keep_control", to)),
     );
   }
 
@@ -130,16 +138,18 @@ export class Commands {
     this.connection.request("active");
   }
 
-  /** Send a request and show what becomes of it. */
-  async ask(text, what, fields) {
+  /** Send a request and show what becomes of it. @type {Ask} */
+  ask = async (text, what, fields) => {
     this.actions.tell(text, "pending");
     const answer = await this.connection.request(what, fields);
     this.actions.tell(text, answer.outcome, answer.message);
     return answer;
-  }
+  };
 
-  /** A new connection knows nobody: log in again with what this page was told. */
-  async connected() {
+  /** A new connection knows nobody: log in again with what this page was told. Control is lost with the old one. */
+  async connected(hadControl = false) {
+    if (hadControl) this.#lost = "control was lost with the connection to the server";
+    this.update();
     if (!this.#credentials) return;
     const answer = await this.ask("Log in again", "login", this.#credentials);
     if (answer.outcome === "refused") this.#credentials = null; // one that is out of date is not tried for ever
@@ -177,17 +187,17 @@ export class Commands {
     const { holder } = this.page.control;
     const take = () => this.ask("Take control", "take_control", { from: holder?.session ?? null });
     if (!holder) return take();
-    return openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
+    openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }
 
-  acknowledge(ids) {
+  acknowledge(/** @type {string[]} */ ids) {
     const many = ids.length === 1 ? "alarm" : `${ids.length} alarms`;
     this.ask(`Acknowledge ${many}`, "acknowledge", { ids });
   }
 
   switchController() {
-    const { controllers = [], actual_controller: actual } = this.page.state ?? {};
-    const remark = (one) => [one.name === actual ? "commands now" : one.ready ? "ready" : "not ready", one.reason].filter(Boolean).join(", ");
+    const { controllers, actual_controller: actual } = this.page.state;
+    const remark = (/** @type {Health} */ one) => [one.name === actual ? "commands now" : one.ready ? "ready" : "not ready", one.reason].filter(Boolean).join(", ");
     const choice = choiceField("Controller", controllers.map((one) => ({ value: one.name, text: one.name, remark: remark(one) })), controllers.find((one) => one.name !== actual)?.name);
     const wait = selectField("Wait until it is ready", SWITCH_WAITS_S.map((value) => ({ value, text: `at most ${value} s` })), "2");
     openForm({
@@ -201,20 +211,20 @@ export class Commands {
 
   changeMode() {
     const { hello, values, state } = this.page;
-    const drive = (key, name, unit, step) => {
-      const [low, high] = hello?.limits[key].range ?? [];
-      return numberField(`${name} in manual`, unit, values[`command_${key}`]?.toFixed(1), low, high, step);
+    const drive = (/** @type {string} */ key, /** @type {string} */ name, /** @type {string} */ unit) => {
+      const [low, high] = hello?.limits[key].range ?? [0, 0];
+      return numberField(`${name} in manual`, unit, values[`command_${key}`]?.toFixed(1) ?? "", low, high);
     };
-    const force = drive("force_kn", "Force", "kN", "any");
-    const speed = drive("speed_rpm", "Speed", "rpm", "any");
-    const mode = choiceField("Mode", MODES, state?.actual_mode);
+    const force = drive("force_kn", "Force", "kN");
+    const speed = drive("speed_rpm", "Speed", "rpm");
+    const mode = choiceField("Mode", MODES, state.actual_mode);
     const by = () => (mode.value === "manual" ? ` with ${force.input.value} kN and ${speed.input.value} rpm` : "");
     openForm({
       title: "Change the mode",
       fields: [mode, force, speed],
       summary: () => {
-        for (const field of [force, speed]) field.root.hidden = field.input.disabled = mode.value !== "manual";
-        return `${words(state?.actual_mode) || "unknown"} → ${words(mode.value)}${by()}`;
+        for (const field of [force, speed]) field.use(mode.value === "manual");
+        return `${words(state.actual_mode) || "unknown"} → ${words(mode.value)}${by()}`;
       },
       confirm: "Change mode",
       run: () => {
@@ -224,14 +234,18 @@ export class Commands {
     });
   }
 
-  weld(action) {
-    const send = () => this.ask(`${action} weld`, "weld", { action });
-    if (action === "hold") return send();
-    if (action === "resume") return resume(this, send);
-    return openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: send });
+  weld(/** @type {string} */ action) {
+    return this.ask(`${action} weld`, "weld", { action });
   }
 
-  #button(text, onclick) {
-    return el("button", { type: "button", onclick }, text);
+  abort() {
+    openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: () => this.weld("abort") });
   }
+}
+
+const button = (/** @type {string} */ text, /** @type {() => void} */ onclick) => el("button", { type: "button", onclick }, text);
+
+/** Whether buttons may be used; why not is told where one points. @param {HTMLButtonElement[]} buttons @param {string} lack */
+function permit(buttons, lack) {
+  for (const one of buttons) Object.assign(one, { disabled: Boolean(lack), title: lack });
 }

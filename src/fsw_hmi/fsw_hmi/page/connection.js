@@ -16,20 +16,22 @@ const NO_ROOM_MS = 10_000;
 export class Connection {
   #build;
   #on;
+  /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */
+  #pending = new Map();
   /** @type {WebSocket?} */
   #socket = null;
-  #pending = new Map();
   #nextId = 1;
   #attempts = 0;
   #retry = 0;
   #lastFrame = -Infinity;
   #lastWatch = performance.now();
   #fastest = -Infinity; // largest server_s - performance.now(): the frame that came with the least delay
+  /** @type {Link} */
   #state = { kind: "connecting", text: "Connecting" };
+  /** @type {Value} */
   serverS = null;
 
-  /** @param on `{frame(frame), fresh(server_s), state(state)}`; a state is `{kind: connecting|live|lost|stale, text}` */
-  constructor(build, on) {
+  constructor(/** @type {string} */ build, /** @type {Listener} */ on) {
     this.#build = build;
     this.#on = on;
   }
@@ -38,7 +40,7 @@ export class Connection {
     setInterval(() => this.#watch(), WATCH_MS);
     document.addEventListener("visibilitychange", () => document.hidden || this.#watch());
     window.addEventListener("online", () => this.#socket || this.#open());
-    this.#on.state(this.#state);
+    this.#on.linked(this.#state);
     this.#open();
   }
 
@@ -46,7 +48,7 @@ export class Connection {
     return this.#state.kind === "live";
   }
 
-  /** Send a request; resolves to `{outcome, message}`, always. */
+  /** Send a request; resolves to an answer, always. @param {string} what @param {object} fields @returns {Promise<Answer>} */
   request(what, fields = {}) {
     if (!this.live) return Promise.resolve({ outcome: "refused", message: "not connected" });
     const id = this.#nextId++;
@@ -68,7 +70,7 @@ export class Connection {
     socket.onclose = (event) => socket === this.#socket && this.#closed(event);
   }
 
-  #closed(event) {
+  #closed(/** @type {{code: number, reason?: string}} */ event) {
     this.#socket = null;
     for (const id of [...this.#pending.keys()]) {
       this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
@@ -80,14 +82,14 @@ export class Connection {
     this.#retry = setTimeout(() => this.#open(), wait * (0.8 + 0.4 * Math.random()));
   }
 
-  #receive(frame) {
+  #receive(/** @type {any} */ frame) {
     if (frame.t === "answer") return this.#answer(frame);
     if (frame.server_s !== undefined) this.#note(frame.server_s);
     this.#on.frame(frame);
   }
 
   /** Take note of a frame's time. Frames that waited in a queue, because the page stood still, are not news. */
-  #note(serverS) {
+  #note(/** @type {number} */ serverS) {
     const now = performance.now();
     this.#fastest = Math.max(this.#fastest, serverS * 1000 - now);
     if (now + this.#fastest - serverS * 1000 > BEHIND_MS) return;
@@ -115,14 +117,14 @@ export class Connection {
     return this.serverS === null ? "the start" : `${clock(this.serverS)} (server time)`;
   }
 
-  #become(kind, text) {
+  #become(/** @type {Link["kind"]} */ kind, /** @type {string} */ text) {
     const lost = kind === "lost" && this.#state.kind === "lost"; // the first reason is the one to keep
     if (lost || (kind === this.#state.kind && text === this.#state.text)) return;
     this.#state = { kind, text };
-    this.#on.state(this.#state);
+    this.#on.linked(this.#state);
   }
 
-  #answer({ id, outcome, message }) {
+  #answer(/** @type {Answer & {id: number}} */ { id, outcome, message }) {
     const waiting = this.#pending.get(id);
     if (!waiting) return;
     this.#pending.delete(id);

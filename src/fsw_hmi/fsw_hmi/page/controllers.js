@@ -1,9 +1,12 @@
 // Health of the controllers, of the other parts and of the data itself.
-import { el, panel, renew, setText } from "./dom.js";
+import { el, panel, renew, scroll, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
-const HEADS = ["", "state", "ms (max)", "missed, late, rejected"];
+const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
+/** @type {Record<string, string>} */
 const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
+
+/** @typedef {{level: string, text: string}} Note */
 
 export class Controllers {
   constructor() {
@@ -11,15 +14,10 @@ export class Controllers {
     this.notes = el("ul", { className: "notes" });
     this.timing = el("p", { className: "timing detail" }, "–");
     const head = el("tr", {}, ...HEADS.map((text) => el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
-    this.root = panel(
-      "controllers",
-      "Controllers",
-      el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Health of controllers and parts" }, el("table", {}, el("thead", {}, head), this.rows), this.notes),
-      this.timing,
-    );
+    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes), this.timing);
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((one) => row(one, state)));
     const notes = state.controllers.filter((one) => one.reason).map((one) => ({ level: one.inhibited ? "error" : "warn", text: `${one.name}: ${one.reason}` }));
     const parts = state.parts.filter((part) => part.level !== "ok").map((part) => ({ level: part.level, text: `${part.name}: ${part.text}` }));
@@ -29,22 +27,22 @@ export class Controllers {
     renew(this.notes, JSON.stringify([all, healthy]), () => (all.length ? all : [healthy]).map(note));
   }
 
-  time({ solveMs, latencyMs, tickAgeS }) {
-    setText(this.timing, `solve ${fixed(solveMs, 1)} ms · latency ${fixed(latencyMs, 0)} ms · tick age ${fixed(tickAgeS, 2)} s`);
+  /** @param {Values} values @param {Value} tickAgeS */
+  time({ solve_ms: solveMs, latency_ms: latencyMs }, tickAgeS) {
+    setText(this.timing, `solve ${fixed(solveMs, 0)} ms · latency ${fixed(latencyMs, 0)} ms · tick age ${fixed(tickAgeS, 1)} s`);
   }
 }
 
-function row(one, state) {
+function row(/** @type {Health} */ one, /** @type {State} */ state) {
   const commands = one.name === state.actual_controller && state.actual_mode === "auto";
   const status = one.inhibited ? "inhibited" : !one.healthy ? "fails" : one.ready ? "ready" : "not ready";
   const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, `${one.missed}, ${one.late}, ${one.rejected}`];
-  const made = el("tr", {}, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, String(text))));
+  const made = el("tr", {}, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, text)));
   made.dataset.level = one.inhibited || !one.healthy ? "medium" : "";
-  made.classList.toggle("commands", commands);
   return made;
 }
 
-function note({ level, text }) {
+function note(/** @type {Note} */ { level, text }) {
   const made = el("li", {}, LEVEL_SIGN[level] ? `${LEVEL_SIGN[level]} ${text}` : text);
   made.dataset.level = level;
   return made;

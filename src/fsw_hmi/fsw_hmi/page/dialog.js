@@ -1,27 +1,29 @@
 // Forms over the page. They are not modal: the safe stop stays within reach of one click.
 import { byId, el, setText } from "./dom.js";
 
-/** @type {any} */
+/** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */
 let opened = null;
 
 /**
- * Show a form; only one is open at a time.
- *
- * `fields` are made by the functions below. `summary()` says what will be done; an empty text means that there is
- * nothing to do. `run()` resolves to `{outcome, message}`; the form closes when that is "done".
+ * Show a form; only one is open at a time. `fields` are made by the functions below. `summary()` says what will be done.
+ * The form closes when `run()` resolves to "done".
  * @param {Form} form
  */
 export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
   closeForm();
-  const opener = document.activeElement;
   const heading = el("h2", { id: "dialog-title" }, title);
   const told = el("p", { className: "summary", "aria-live": "polite" });
   const answer = el("p", { className: "answer", role: "status" });
   const send = el("button", { type: "submit", className: "primary" }, confirm);
   const cancel = el("button", { type: "button", onclick: closeForm }, "Cancel");
-  const form = el("form", { noValidate: false }, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, cancel));
+  const form = el("form", {}, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, cancel));
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
-  const renew = () => setText(told, summary());
+  const renew = () => {
+    const text = summary();
+    const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.customError || validity.rangeOverflow || validity.rangeUnderflow);
+    send.disabled = Boolean(wrong);
+    setText(told, wrong?.validationMessage ?? text);
+  };
   form.addEventListener("input", renew);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
@@ -32,11 +34,9 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
     setText(answer, `${outcome === "refused" ? "✕ refused" : "? timed out"}: ${message}`);
     if (outcome === "done" && opened?.dialog === dialog) closeForm();
   });
-  dialog.addEventListener("keydown", (event) => {
-    if (event.key === "Escape") closeForm();
-  });
+  dialog.addEventListener("keydown", (event) => event.key === "Escape" && closeForm());
   byId("dialogs").append(dialog);
-  opened = { dialog, opener, closed };
+  opened = { dialog, opener: /** @type {HTMLElement?} */ (document.activeElement), closed };
   renew();
   dialog.show();
 }
@@ -47,14 +47,14 @@ export function closeForm() {
   opened = null;
   dialog.remove();
   closed?.();
-  opener?.focus?.();
+  opener?.focus();
 }
 
-/** Say something that wants an answer, beside a form that may be open, without taking the focus; null: no longer. */
-export function notice(key, text, ...buttons) {
+/** Say something that wants an answer, beside a form that may be open, without taking the focus; no key: no longer. @param {string} key @param {HTMLElement[]} buttons */
+export function notice(key, text = "", ...buttons) {
   const root = byId("dialogs");
   const shown = /** @type {HTMLElement?} */ (root.querySelector(".notice"));
-  if (shown && shown.dataset.key === key) return setText(shown.firstChild, text);
+  if (shown?.firstChild && shown.dataset.key === key) return setText(shown.firstChild, text);
   shown?.remove();
   if (!key) return;
   const dialog = el("dialog", { className: "notice", role: "alertdialog", "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));
@@ -63,45 +63,51 @@ export function notice(key, text, ...buttons) {
   dialog.setAttribute("open", ""); // show() would take the focus
 }
 
-function labelled(text, input, hint = "") {
-  const note = hint ? [el("span", { className: "detail" }, hint)] : [];
-  return el("label", { className: "field" }, el("span", {}, text, " ", ...note), input);
+function labelled(/** @type {string} */ text, /** @type {HTMLElement} */ input, hint = "") {
+  const detail = el("span", { className: "detail" }, hint);
+  return { root: el("label", { className: "field" }, el("span", {}, text, " ", detail), input), detail };
 }
 
-export function numberField(text, unit, value, low, high, step) {
+/** @param {string} text @param {string} unit @param {number | string} value @param {number} low @param {number} high @param {number | "any"} step */
+export function numberField(text, unit, value, low, high, step = "any") {
   const input = el("input", { type: "number", required: true, min: low, max: high, step, value, inputMode: "decimal" });
-  const root = labelled(text, input, `${low} to ${high} ${unit}`);
+  const { root, detail } = labelled(text, input, `${low} to ${high} ${unit}`);
   return {
     root,
     input,
     get value() { return input.valueAsNumber; },
+    /** What is sent of a field that may be hidden. */
+    get sent() { return input.disabled ? 0 : input.valueAsNumber; },
     /** Show the field or hide it, with the limits that hold now. */
-    use(shown, lowest = low, highest = high, inUnit = unit) {
+    use(/** @type {boolean} */ shown, lowest = low, highest = high, inUnit = unit) {
       root.hidden = !shown;
       Object.assign(input, { min: lowest, max: highest, disabled: !shown });
-      root.querySelector(".detail").textContent = `${lowest} to ${highest} ${inUnit}`;
+      detail.textContent = `${lowest} to ${highest} ${inUnit}`;
+    },
+    /** Refuse 0, which would do nothing. */
+    refuseZero() {
+      input.setCustomValidity(input.valueAsNumber === 0 ? `${text} 0 would change nothing.` : "");
     },
   };
 }
 
-export function textField(text, options = {}) {
+export function textField(/** @type {string} */ text, options = {}) {
   const input = el("input", { type: "text", required: true, maxLength: 100, ...options });
-  return { root: labelled(text, input), input, get value() { return input.value.trim(); } };
+  return { root: labelled(text, input).root, input, get value() { return input.value.trim(); } };
 }
 
-export function checkField(text, checked) {
+export function checkField(/** @type {string} */ text, /** @type {boolean} */ checked) {
   const input = el("input", { type: "checkbox", checked });
-  return { root: el("label", { className: "check" }, input, text), input, get value() { return input.checked; } };
+  return { root: el("label", { className: "check" }, input, text), get value() { return input.checked; } };
 }
 
-/** `choices` are `{value, text}`. */
-export function selectField(text, choices, value) {
+export function selectField(/** @type {string} */ text, /** @type {Choice[]} */ choices, value = "") {
   const input = el("select", {}, ...choices.map((one) => el("option", { value: one.value, selected: one.value === value }, one.text)));
-  return { root: labelled(text, input), input, get value() { return input.value; } };
+  return { root: labelled(text, input).root, get value() { return input.value; } };
 }
 
-/** Choices that are all in view, each with a remark. */
-export function choiceField(text, choices, value) {
+/** Choices that are all in view, each with a remark. @param {string} text @param {Choice[]} choices */
+export function choiceField(text, choices, value = "") {
   const inputs = choices.map((one) => el("input", { type: "radio", name: "choice", value: one.value, checked: one.value === value }));
   const labels = choices.map((one, i) => el("label", { className: "check" }, inputs[i], one.text, " ", el("span", { className: "detail" }, one.remark ?? "")));
   const root = el("fieldset", {}, el("legend", {}, text), ...labels);

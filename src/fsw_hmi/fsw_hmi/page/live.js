@@ -10,81 +10,69 @@ import { LiveTrends } from "./live_trends.js";
 import { Status } from "./status.js";
 import { Store } from "./store.js";
 import { Veil } from "./veil.js";
-import { verdict } from "./verdict.js";
+import { TICK_AGE_S, verdict } from "./verdict.js";
 import { WeldMap } from "./weld_map.js";
 
-const NOBODY = { holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
+/** @type {Control} */
+const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
+
+/** @type {State} */
+const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", requested_by: "", acknowledged: false, controllers: [], interlocks: [], parts: [] };
 
 export function startLive() {
   new LivePage().connection.start();
 }
 
+/** @implements {Listener} */
 export class LivePage {
   /** @type {Hello?} */ hello = null;
-  /** @type {State?} */ state = null;
+  /** @type {State} */ state = UNKNOWN;
   /** @type {Programme?} */ progress = null;
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
-  /** @type {any[]} */ alarmList = [];
-  /** @type {number?} */ tickAgeS = null;
+  /** @type {{alarms: Alarm[], reach: Reach?}} */ alarms = { alarms: [], reach: null };
+  /** @type {Value} */ tickAgeS = null;
 
   constructor() {
-    this.connection = new Connection(meta("build"), {
-      frame: (frame) => this.#frames[frame.t]?.(frame),
-      fresh: (serverS) => this.#fresh(serverS),
-      state: (state) => this.#linked(state),
-    });
+    this.connection = new Connection(meta("build"), this);
     this.veil = new Veil();
     this.actions = new Actions();
     this.commands = new Commands(this, this.connection, this.actions);
     this.status = new Status(byId("status"), this.commands.safeStopButton);
-    this.alarms = new Alarms((ids) => this.commands.acknowledge(ids), (...request) => this.commands.ask(...request));
+    this.list = new Alarms(this.commands);
     this.controllers = new Controllers();
-    byId("side").append(this.alarms.root, this.commands.root, this.controllers.root, this.actions.root);
+    byId("side").append(this.list.root, this.commands.root, this.controllers.root, this.actions.root);
   }
 
-  #frames = {
-    hello: (hello) => this.#begin(hello),
-    history: ({ rows }) => {
-      this.store?.prepend(rows);
-      this.map?.add(rows);
-      this.map?.draw();
-    },
-    tick: (tick) => this.#tick(tick),
-    beat: ({ tick_age_s: age }) => {
-      this.tickAgeS = age;
-      this.#judge();
-    },
-    prediction: (prediction) => this.trends?.predict(prediction),
-    state: (state) => {
-      this.state = state;
-      this.status.tell(state);
-      this.status.progress.update(this);
-      this.controllers.update(state);
-      this.map?.draw();
-      this.commands.update();
-      this.#judge();
-    },
-    progress: (progress) => {
-      this.progress = progress;
-      this.status.progress.update(this);
-      this.commands.update();
-    },
-    alarms: ({ alarms, reach }) => {
-      this.alarmList = alarms;
-      this.alarms.update(alarms, reach);
-      this.#judge();
-    },
-    control: (control) => {
-      this.control = control;
-      this.commands.update();
-    },
-    actions: ({ actions }) => this.actions.update(actions),
-  };
+  frame(/** @type {Frame} */ frame) {
+    if (frame.t === "hello") this.#begin(frame);
+    else if (frame.t === "tick") this.#tick(frame);
+    else if (frame.t === "prediction") this.trends?.predict(frame);
+    else if (frame.t === "actions") this.actions.update(frame.actions);
+    else if (frame.t === "history") {
+      this.store?.prepend(frame.rows);
+      this.map?.add(frame.rows);
+    } else {
+      if (frame.t === "beat") this.tickAgeS = frame.tick_age_s;
+      else Object.assign(this, { [frame.t]: frame });
+      this.#show();
+    }
+    if (frame.t === "state" || frame.t === "history") this.map?.draw();
+  }
+
+  #show() {
+    this.status.tell(this.state);
+    this.status.progress.update(this);
+    this.controllers.update(this.state);
+    this.commands.update();
+    this.list.update(this.alarms.alarms, this.alarms.reach);
+    this.#judge();
+  }
 
   /** A connection begins: what is shown is built anew from what the server says. */
-  #begin(hello) {
+  #begin(/** @type {Hello} */ hello) {
     const isNew = hello.session !== this.hello?.session; // another weld is told by a hello, too, on the same connection
+    const hadControl = this.control.you;
     this.hello = hello;
     this.values = {};
     if (isNew) this.control = NOBODY;
@@ -94,11 +82,11 @@ export class LivePage {
     this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
     this.map?.destroy();
     this.map = new WeldMap(byId("map"), hello.columns, hello.limits, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
-    this.commands.update();
-    if (isNew) this.commands.connected();
+    this.#show();
+    if (isNew) this.commands.connected(hadControl);
   }
 
-  #tick(tick) {
+  #tick(/** @type {Tick} */ tick) {
     if (!this.hello) return;
     this.store?.append(tick.row);
     this.trends?.note(tick);
@@ -110,31 +98,30 @@ export class LivePage {
     this.#judge();
   }
 
-  #fresh(serverS) {
+  fresh(/** @type {number} */ serverS) {
     this.veil.lift(serverS);
     this.status.tick(serverS);
   }
 
   #judge() {
     if (!this.connection.live || !this.hello) return;
-    this.status.judge(verdict({ state: this.state, alarms: this.alarmList, values: this.values, limits: this.hello.limits, tickAgeS: this.tickAgeS }));
-    this.controllers.time({ solveMs: this.values.solve_ms, latencyMs: this.values.latency_ms, tickAgeS: this.tickAgeS });
-    document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > 0.5);
+    this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, tickAgeS: this.tickAgeS }));
+    this.controllers.time(this.values, this.tickAgeS);
+    document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
   }
 
-  #linked(state) {
-    document.body.dataset.link = state.kind;
-    byId("announce-connection").textContent = state.text;
-    this.status.connection(state);
-    this.commands.update();
-    if (state.kind === "live") return;
-    this.veil.drop(state.text);
-    if (state.kind === "stale") byId("dialogs").replaceChildren(staleNotice());
+  linked(/** @type {Link} */ link) {
+    document.body.dataset.link = link.kind;
+    byId("announce-connection").textContent = link.text;
+    this.#show();
+    this.status.connection(link);
+    if (link.kind === "live") return;
+    this.veil.drop(link.text);
+    if (link.kind === "stale") byId("dialogs").replaceChildren(staleNotice());
   }
 }
 
 function staleNotice() {
   const reload = el("button", { type: "button", className: "primary", onclick: () => location.reload() }, "Reload");
-  const notice = el("dialog", { open: true, "aria-label": "The page is out of date" }, el("h2", {}, "The page is out of date"), el("p", {}, "The server has a newer one. Nothing can be shown or commanded here."), reload);
-  return notice;
+  return el("dialog", { open: true, "aria-label": "The page is out of date" }, el("h2", {}, "The page is out of date"), el("p", {}, "The server has a newer one. Nothing can be shown or commanded here."), reload);
 }

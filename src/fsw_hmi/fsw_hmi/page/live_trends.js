@@ -10,6 +10,7 @@ const WINDOWS = [
   { name: "5 min", length_s: 300, ahead_s: 15, every_s: 60, redraw_ms: 250 },
   { name: "45 min", length_s: 2700, ahead_s: 15, every_s: 900, redraw_ms: 1000 },
 ];
+const LEGEND = [["measured", "measured"], ["aimed", "set-point"], ["limit", "limit"], ["predicted", "prediction"], ["second", "to be confirmed"]];
 
 /** An older prediction says nothing about what comes. */
 const PREDICTION_MAX_AGE_S = 3;
@@ -23,19 +24,19 @@ export class LiveTrends {
   #preview = null; // what is about to be confirmed
   /** @type {number?} */
   #moment = null; // what is looked at, null: the present
-  /** @type {{now: number, window: any, moment: number?}} */
-  drawn = { now: NaN, window: null, moment: null };
+  /** @type {{now: number, moment: number?}} */
+  #drawn = { now: NaN, moment: null };
   #toServerS = 0; // from the weld's clock to the server's
 
+  /** @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
   constructor(root, store, limits) {
     this.store = store;
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
-    this.legend = legend();
-    this.back = el("button", { type: "button", className: "primary", hidden: true, onclick: () => this.look(null) }, "Back to now");
-    const bar = el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, this.back, this.legend);
+    this.back = el("button", { type: "button", className: "primary back", onclick: () => this.look(null) }, "Back to now");
+    const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text]) => el("li", {}, el("span", { className: `key ${kind}` }), text)));
     const plots = el("div", { className: "plots" });
-    root.replaceChildren(bar, plots);
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, this.back, legend), plots);
     this.trends = new Trends(plots, {
       lines: (key) => liveLines(key, limits),
       label: (time) => this.#label(time),
@@ -43,21 +44,19 @@ export class LiveTrends {
       overlay: (u, key) => this.#overlay(u, key),
     });
     this.#choose(this.#window);
-    this.preview(null);
   }
 
-  note(tick) {
-    this.#toServerS = tick.server_s - tick.row[0];
+  note(/** @type {Tick} */ tick) {
+    this.#toServerS = tick.server_s - (tick.row[0] ?? NaN);
   }
 
-  predict(prediction) {
+  predict(/** @type {Ahead} */ prediction) {
     this.#prediction = prediction;
   }
 
   /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
   preview(ahead) {
     this.#preview = ahead;
-    this.legend.lastElementChild?.toggleAttribute("hidden", !ahead);
     if (ahead) this.#moment = null;
     this.#draw(true);
   }
@@ -69,7 +68,7 @@ export class LiveTrends {
   }
 
   /** A time of the weld as the server's. */
-  clock(timeS) {
+  clock(/** @type {number} */ timeS) {
     return clock(timeS + this.#toServerS);
   }
 
@@ -78,7 +77,7 @@ export class LiveTrends {
     this.trends.destroy();
   }
 
-  #choose(window) {
+  #choose(/** @type {typeof WINDOWS[0]} */ window) {
     this.#window = window;
     this.buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(WINDOWS[i] === window)));
     clearInterval(this.timer);
@@ -88,48 +87,42 @@ export class LiveTrends {
 
   #draw(always = false) {
     const now = this.store.newest;
-    this.back.hidden = this.#moment === null;
-    if (document.hidden || Number.isNaN(now) || (now === this.drawn.now && !always)) return;
-    this.drawn = { now, window: this.#window, moment: this.#moment };
-    const half = this.#window.length_s / 2;
-    const preview = this.#preview;
-    const ahead = preview ? Math.max(this.#window.ahead_s, preview.time_s[preview.time_s.length - 1] - now) : this.#window.ahead_s;
-    const [from, to] = this.#moment === null ? [now - this.#window.length_s, now + ahead] : [this.#moment - half, this.#moment + half];
-    const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(preview?.[key] ?? [])]]));
+    this.back.classList.toggle("unused", this.#moment === null); // its room stays reserved
+    if (document.hidden || Number.isNaN(now) || (now === this.#drawn.now && !always)) return;
+    this.#drawn = { now, moment: this.#moment };
+    const { length_s: length, ahead_s: least } = this.#window;
+    const ahead = Math.max(least, (this.#preview?.time_s.at(-1) ?? now) - now);
+    const [from, to] = this.#moment === null ? [now - length, now + ahead] : [this.#moment - length / 2, this.#moment + length / 2];
+    const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(this.#preview?.[key] ?? [])]]));
     this.trends.draw(withQuality(this.store.since(from), this.limits), from, to, held);
   }
 
-  /** Fixed places, so that the axis does not crawl: the curves move below it. */
+  /** Fixed places, so that the axis does not crawl: the curves move below it. @param {number} min @param {number} max */
   #splits(min, max) {
-    const [last, every] = this.drawn.moment === null ? [this.drawn.now, this.#window.every_s] : [max, this.#window.length_s / 3];
+    const [last, every] = this.#drawn.moment === null ? [this.#drawn.now, this.#window.every_s] : [max, this.#window.length_s / 3];
     const places = [];
     for (let at = last; at >= min - 0.01; at -= every) places.unshift(at);
     return places;
   }
 
-  #label(time) {
-    if (this.drawn.moment !== null) return this.clock(time);
-    const back = this.drawn.now - time;
-    if (Math.abs(back / this.#window.every_s - Math.round(back / this.#window.every_s)) > 1e-6) return this.clock(time);
+  #label(/** @type {number} */ time) {
+    const back = this.#drawn.now - time;
+    const steps = back / this.#window.every_s;
+    if (this.#drawn.moment !== null || Math.abs(steps - Math.round(steps)) > 1e-6) return this.clock(time);
     if (back < 0.5) return "now";
     return this.#window.length_s > 60 ? `−${Math.round(back / 60)} min` : `−${Math.round(back)} s`;
   }
 
-  #overlay(u, key) {
-    drawTime(u, this.drawn.now, "#5a6268");
-    if (this.drawn.moment !== null) drawTime(u, this.drawn.moment, "#000", [4, 3]);
-    if (this.#preview?.[key]) drawLine(u, this.#preview.time_s, this.#preview[key], PREVIEW);
-    const ahead = this.#ahead();
-    if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key]);
+  #overlay(/** @type {Plot} */ u, /** @type {string} */ key) {
+    drawTime(u, this.#drawn.now, "#5a6268");
+    if (this.#drawn.moment !== null) drawTime(u, this.#drawn.moment, "#000", [4, 3]);
+    for (const [ahead, stroke] of /** @type {const} */ ([[this.#preview, PREVIEW], [this.#ahead(), undefined]])) {
+      if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key], stroke);
+    }
   }
 
   #ahead() {
     const ahead = this.#prediction;
     return ahead && Math.abs(this.store.newest - ahead.time_s[0]) < PREDICTION_MAX_AGE_S ? ahead : null;
   }
-}
-
-function legend() {
-  const entry = (kind, text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
-  return el("ul", { className: "legend" }, entry("measured", "measured"), entry("aimed", "set-point"), entry("limit", "limit"), entry("predicted", "prediction"), entry("second", "to be confirmed"));
 }

@@ -1,5 +1,5 @@
 // Progress of the weld: phase, angle, length, time left; while it is stopped, how far the stop has come.
-import { el, setText } from "./dom.js";
+import { el, setShort } from "./dom.js";
 import { fixed, span, words } from "./format.js";
 import { Stop } from "./stop.js";
 
@@ -12,20 +12,18 @@ export class Progress {
     this.root = el("section", { id: "progress", "aria-label": "Progress of the weld" }, el("p", {}, this.phase, this.bar, this.detail));
   }
 
-  /** @param {import("./live.js").LivePage} page */
-  update(page) {
+  update(/** @type {import("./live.js").LivePage} */ page) {
     const stop = this.stop.progress(page);
     const { level, text, detail } = stop ?? told(page.progress);
-    this.bar.hidden = (stop?.share ?? null) === null;
+    this.bar.hidden = !stop || stop.share === null;
     this.bar.value = Math.min(1, Math.max(0, stop?.share ?? 0));
     this.root.dataset.level = level;
-    setText(this.phase, text);
-    setText(this.detail, detail);
+    setShort(this.phase, text);
+    setShort(this.detail, detail);
   }
 }
 
-/** @param {Programme?} programme */
-function told(programme) {
+function told(/** @type {Programme?} */ programme) {
   if (!programme) return { level: "", text: "No programme", detail: "" };
   const { state, phase, angle_deg: angle, length_mm: length, time_left_s: timeLeft, left } = programme;
   const how = state === "running" ? (left ? " (set-points by hand)" : "") : ` (${words(state)})`;

@@ -1,12 +1,13 @@
-// The line at the top: good or not, who commands and why, progress, server time, safe stop.
-import { el, setText } from "./dom.js";
+// The line at the top: good or not, who commands and why, progress, server time, safe stop. Its height never changes.
+import { el, setShort, setText } from "./dom.js";
 import { clock, words } from "./format.js";
 import { Progress } from "./progress.js";
 
-const SIGN = { good: "✓", attention: "●", low: "●", medium: "▲", high: "■" };
+/** @type {Record<Level, string>} */
+const SIGN = { "": "", good: "✓", attention: "●", low: "●", medium: "▲", high: "■" };
 
 export class Status {
-  constructor(root, safeStop) {
+  constructor(/** @type {HTMLElement} */ root, /** @type {HTMLElement} */ safeStop) {
     this.sign = el("span", { className: "sign", "aria-hidden": "true" }, "●");
     this.text = el("strong", {}, "Connecting");
     this.detail = el("span", { className: "detail" });
@@ -18,38 +19,31 @@ export class Status {
     this.time = el("strong", { className: "time" }, "--:--:--");
     this.link = el("span", { className: "detail" }, "connecting");
     this.clock = el("section", { id: "clock", "aria-label": "Server time" }, el("p", {}, this.time, this.link));
-    root.replaceChildren(this.verdict, this.command, this.progress.root, this.clock, ...(safeStop ? [safeStop] : []));
+    root.replaceChildren(this.verdict, this.command, this.progress.root, this.clock, safeStop);
   }
 
-  judge({ level, text, detail }) {
+  judge(/** @type {Verdict} */ { level, text, detail }) {
     this.verdict.dataset.level = level;
     setText(this.sign, SIGN[level]);
-    setText(this.text, text);
-    setText(this.detail, detail ?? "");
+    setShort(this.text, text);
+    setShort(this.detail, detail ?? "");
   }
 
-  tell(state) {
+  tell(/** @type {State} */ state) {
     const { target_controller: wanted, actual_controller: actual, target_mode: mode, actual_mode: actualMode, reason, requested_by: by } = state;
-    if (!state.known) {
-      setText(this.who, "No supervisor");
-      setText(this.why, "");
-      this.command.dataset.level = "medium";
-      return;
-    }
     // In hold, manual and safe stop nobody among the controllers commands.
-    const differs = mode !== actualMode || (actualMode === "auto" && wanted !== actual);
-    setText(this.who, actualMode === "auto" ? `${actual || "nobody"} · auto` : words(actualMode));
+    const differs = !state.known || mode !== actualMode || (actualMode === "auto" && wanted !== actual);
     const target = differs ? `target ${wanted || "none"} · ${words(mode)}; ` : "";
-    setText(this.why, `${target}${reason}${by ? ` (${by})` : ""}`);
-    this.command.title = this.why.textContent;
+    setShort(this.who, !state.known ? "No supervisor" : actualMode === "auto" ? `${actual || "nobody"} · auto` : words(actualMode));
+    setShort(this.why, state.known ? `${target}${reason}${by ? ` (${by})` : ""}` : "");
     this.command.dataset.level = differs ? "medium" : "";
   }
 
-  tick(serverS) {
+  tick(/** @type {number} */ serverS) {
     setText(this.time, clock(serverS));
   }
 
-  connection({ kind, text }) {
+  connection(/** @type {Link} */ { kind, text }) {
     setText(this.link, kind === "live" ? "server time, UTC" : "last server time");
     if (kind === "live") return;
     this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });

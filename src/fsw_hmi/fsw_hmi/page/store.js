@@ -1,4 +1,5 @@
 // The last hour of ticks, by column.
+import { known } from "./format.js";
 
 export class Store {
   /**
@@ -8,46 +9,35 @@ export class Store {
   constructor(names, kept = 3600 * 10) {
     this.names = names;
     this.kept = kept;
-    /** @type {number[][]} */
+    /** @type {Value[][]} */
     this.columns = names.map(() => []);
   }
 
   /** Time of the newest row, NaN before the first. */
   get newest() {
-    const [times] = this.columns;
-    return times.length ? times[times.length - 1] : NaN;
+    return this.columns[0].at(-1) ?? NaN;
   }
 
   /** Add the newest row. A clock that runs backwards begins a new weld. */
-  append(row) {
-    if (row[0] === this.newest) return;
-    if (row[0] < this.newest) this.columns = this.names.map(() => []);
-    this.columns.forEach((column, i) => column.push(row[i] ?? NaN));
+  append(/** @type {Row} */ row) {
+    const time = row[0] ?? NaN;
+    if (time === this.newest) return;
+    if (time < this.newest) this.columns = this.names.map(() => []);
+    this.columns.forEach((column, i) => column.push(row[i] ?? null));
     const surplus = this.columns[0].length - this.kept;
     if (surplus > this.kept / 10) this.columns.forEach((column) => column.splice(0, surplus)); // seldom: it moves all
   }
 
   /** Add a block of rows, oldest first, before what is known; rows that are known already are left out. */
-  prepend(rows) {
+  prepend(/** @type {Row[]} */ rows) {
     const oldest = this.columns[0][0] ?? Infinity;
-    const older = rows.filter((row) => row[0] < oldest);
-    this.columns = this.columns.map((column, i) => older.map((row) => row[i] ?? NaN).concat(column));
+    const older = rows.filter(([time]) => time !== null && time < oldest);
+    this.columns = this.columns.map((column, i) => older.map((row) => row[i] ?? null).concat(column));
   }
 
-  /** The columns from the time `fromS` on (one row earlier, so that a line begins at the edge). */
-  since(fromS) {
-    const from = Math.max(0, countBefore(this.columns[0], fromS) - 1);
+  /** The columns from the time `fromS` on (one row earlier, so that a line begins at the edge). @returns {Columns} */
+  since(/** @type {number} */ fromS) {
+    const from = Math.max(0, this.columns[0].findLastIndex((time) => known(time) && time < fromS));
     return Object.fromEntries(this.names.map((name, i) => [name, this.columns[i].slice(from)]));
   }
-}
-
-/** How many of the times, which are in order, are before `timeS`. @param {number[]} times @param {number} timeS */
-export function countBefore(times, timeS) {
-  let [low, high] = [0, times.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (times[middle] < timeS) low = middle + 1;
-    else high = middle;
-  }
-  return low;
 }

@@ -9,51 +9,61 @@ const FONT = "13px system-ui, sans-serif";
 const DASHED = [6, 4];
 const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
-/** Lines of a trend: `{key, label, stroke, width, dash}`, keys as in the data. */
+/** Resolves when uPlot is there: the server may still be installing it, which delays nothing else. */
+export const uPlotReady = new Promise((resolve, reject) => {
+  const [css, script] = ["uPlot.min.css", "uPlot.iife.min.js"].map((name) => new URL(`uplot/${name}`, import.meta.url).href);
+  document.head.append(el("link", { rel: "stylesheet", href: css }), el("script", { src: script, onload: resolve, onerror: reject }));
+});
+
+/** @type {Record<"value" | "aim" | "edge", (key: string) => Line>} */
 export const LINES = {
   value: (key) => ({ key, stroke: INK, width: 2 }),
   aim: (key) => ({ key, stroke: "#5a6268", width: 1.5, dash: [2, 3] }),
   edge: (key) => ({ key, stroke: "#7b848a", width: 1 }),
 };
 
-/** Columns of the quality limits along a trend; those of the depth follow its set-point. */
+/** Columns of the quality limits along a trend; those of the depth follow its set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
 export function withQuality(columns, limits) {
   const extended = { ...columns };
   for (const key of TRENDS.filter((one) => limits[one]?.quality)) {
-    const aims = columns[quantity(key).aim];
-    const edge = (side) => Float64Array.from(aims, (aim) => qualityLimits(key, limits, aim)[side] ?? NaN);
-    [extended[`${key}:low`], extended[`${key}:high`]] = [edge(0), edge(1)];
+    const edges = Array.from(columns[quantity(key).aim], (aim) => qualityLimits(key, limits, aim));
+    [extended[`${key}:low`], extended[`${key}:high`]] = [edges.map(([low]) => low), edges.map(([, high]) => high)];
   }
   return extended;
 }
 
-/** The lines of quantity `key` in the live page. */
+/** The lines of a quantity in the live page. @param {string} key @param {Limits} limits */
 export function liveLines(key, limits) {
   const edges = limits[key]?.quality ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
   return [...edges, LINES.aim(quantity(key).aim), LINES.value(key)];
 }
 
 export class Trends {
-  /**
-   * @param {HTMLElement} root
-   * @param {any} options
-   *
-   * Options: `lines(key)` of a quantity; `label(time)` on the axis, and where, `splits(min, max)`; `zoom([from, to])`,
-   * called when a range is drawn with the mouse, without it there is no zoom; `overlay(uplot, key)` draws on top.
-   */
+  /** @type {Chart[]} */
+  charts = [];
+  /** @type {[Columns, number, number, Record<string, number[]>]?} */
+  #drawn = null;
+
+  /** @param {HTMLElement} root @param {Drawing} options */
   constructor(root, options) {
     this.options = options;
-    this.charts = TRENDS.map((key, index) => this.#chart(root, key, index === TRENDS.length - 1));
-    this.resizer = new ResizeObserver(() => this.charts.forEach((one) => this.#fit(one)));
-    this.charts.forEach((one) => this.resizer.observe(one.plot));
+    this.resizer = new ResizeObserver(() => this.charts.forEach(fit));
+    uPlotReady.then(() => this.#begin(root), () => root.append(el("p", { className: "panel" }, "No trends: the server could not install uPlot, which draws them. What to do is in its log.")));
   }
 
-  /** Draw `columns` (arrays by key, `time_s` first) between two times; the scales hold `extra[key]`, too. */
+  #begin(/** @type {HTMLElement} */ root) {
+    if (!root.isConnected) return; // another weld has begun meanwhile
+    this.charts = TRENDS.map((key) => this.#chart(root, key));
+    this.charts.forEach((one) => this.resizer.observe(one.plot));
+    if (this.#drawn) this.draw(...this.#drawn);
+  }
+
+  /** Draw columns between two times; the scales hold `extra[key]`, too. @param {Columns} columns @param {number} from @param {number} to @param {Record<string, number[]>} extra */
   draw(columns, from, to, extra = {}) {
+    this.#drawn = [columns, from, to, extra]; // for charts that are made later
     for (const one of this.charts) {
-      const range = extent(one.scaled.map((key) => columns[key]), columns.time_s, from, to);
-      one.scale = verticalScale(one.spec, Math.min(range[0], ...(extra[one.key] ?? [])), Math.max(range[1], ...(extra[one.key] ?? [])));
-      one.uplot.setData([columns.time_s, ...one.keys.map((key) => columns[key])], false);
+      one.extra = extra[one.key] ?? [];
+      one.uplot.setData(/** @type {import("uplot").AlignedData} */ ([columns.time_s, ...one.keys.map((key) => columns[key])]), false);
       one.uplot.setScale("x", { min: from, max: to });
     }
   }
@@ -68,103 +78,86 @@ export class Trends {
     this.charts.forEach((one) => one.uplot.destroy());
   }
 
-  #chart(root, key, isLast) {
+  #chart(/** @type {HTMLElement} */ root, /** @type {string} */ key) {
     const spec = quantity(key);
     const lines = this.options.lines(key);
     const reading = el("span", { className: "reading" });
     const plot = el("div", { className: "plot", role: "img", "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
-    const box = el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, spec.unit)), reading, plot);
-    root.append(box);
-    const one = { key, spec, plot, reading, keys: lines.map((line) => line.key), scale: [0, 1] };
-    one.scaled = one.keys.filter((name) => !name.includes(":")); // distant limits would flatten what is measured
-    one.uplot = new uPlot(this.#settings(one, lines, isLast), [[], ...lines.map(() => [])], plot);
-    return one;
+    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, spec.unit)), reading, plot));
+    const one = { key, spec, plot, reading, keys: lines.map((line) => line.key), extra: [] };
+    return Object.assign(one, { uplot: new uPlot(this.#settings(one, lines), [[], ...lines.map(() => [])], plot) });
   }
 
-  #settings(one, lines, isLast) {
+  /** @param {Omit<Chart, "uplot">} one @param {Line[]} lines @returns {import("uplot").Options} */
+  #settings(one, lines) {
     const { label, splits, zoom, overlay } = this.options;
     const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: FONT };
+    const isLast = one.key === TRENDS.at(-1);
     return {
       width: 200,
       height: 100,
       padding: [9, 12, isLast ? 0 : 6, 0],
       legend: { show: false },
       cursor: { sync: { key: "weld" }, drag: { x: Boolean(zoom), y: false, setScale: false }, points: { show: false } },
-      scales: { x: { time: false, auto: false }, y: { auto: true, range: () => one.scale } },
+      scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(one, low, high) } },
       axes: [
-        { ...axis, size: isLast ? 26 : 0, values: (u, at) => at.map((time) => (isLast ? label(time, u) : "")), splits: (u, i, min, max) => splits(min, max) },
+        { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), splits: (_u, _i, min, max) => splits(min, max) },
         { ...axis, size: 48, space: 28 },
       ],
-      series: [{}, ...lines.map((line) => ({ ...line, points: { show: false }, gaps: findGaps }))],
+      // distant limits would flatten what is measured
+      series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
       hooks: {
-        draw: overlay ? [(u) => overlay(u, one.key)] : [],
+        draw: [(u) => overlay(u, one.key)],
         setCursor: [(u) => this.#read(one, u)],
-        setSelect: zoom ? [(u) => this.#select(u, zoom)] : [],
+        setSelect: zoom ? [(u) => select(u, zoom)] : [],
       },
     };
   }
 
-  #select(u, zoom) {
-    const { left, width } = u.select;
-    if (width < 4) return;
-    u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-    zoom([u.posToVal(left, "x"), u.posToVal(left + width, "x")]);
-  }
-
-  #read(one, u) {
+  #read(/** @type {Omit<Chart, "uplot">} */ one, /** @type {Plot} */ u) {
     const index = u.cursor.idx;
-    const at = index === null || index === undefined ? null : u.data[1 + one.keys.indexOf(one.keys.at(-1))][index];
-    one.reading.textContent = at === null ? "" : `${this.options.label(u.data[0][index], u)}: ${fixed(at, one.spec.digits)}`;
-  }
-
-  #fit(one) {
-    const { clientWidth: width, clientHeight: height } = one.plot;
-    if (width && height) one.uplot.setSize({ width, height });
+    const at = index === null || index === undefined ? null : u.data[one.keys.length][index];
+    one.reading.textContent = at === null ? "" : `${this.options.label(u.data[0][index ?? 0])}: ${fixed(at, one.spec.digits)}`;
   }
 }
 
-/** Lowest and highest value of all lines between two times. */
-function extent(columns, times, from, to) {
-  let [low, high] = [Infinity, -Infinity];
-  for (const column of columns) {
-    for (let i = 0; i < column.length; i++) {
-      const value = column[i];
-      if (value === null || value === undefined || times[i] < from || times[i] > to) continue;
-      if (value < low) low = value;
-      if (value > high) high = value;
-    }
-  }
-  return [low, high];
+/** @param {Plot} u @param {(range: [number, number]) => void} zoom */
+function select(u, zoom) {
+  const { left, width } = u.select;
+  if (width < 4) return;
+  u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+  zoom([u.posToVal(left, "x"), u.posToVal(left + width, "x")]);
 }
 
-/** Smallest scale on the quantity's raster that holds two values. */
-function verticalScale(/** @type {Spec} */ { step, span }, low, high) {
-  if (low > high) return [0, span];
-  const lacking = Math.max(0, span - (high - low)) / 2;
-  const margin = lacking + 0.04 * Math.max(span, high - low);
-  return [Math.floor((low - margin) / step) * step, Math.ceil((high + margin) / step) * step];
+function fit(/** @type {Chart} */ { uplot, plot: { clientWidth: width, clientHeight: height } }) {
+  if (width && height) uplot.setSize({ width, height });
 }
 
-/** Gaps where ticks or values are missing, in pixels. */
-function findGaps(u, seriesIndex, first, last) {
-  const [times, values] = [u.data[0], u.data[seriesIndex]];
-  const gaps = [];
-  const add = (from, to) => gaps.push([u.valToPos(from, "x", true), u.valToPos(to, "x", true)]);
+/** Smallest scale on the quantity's raster that holds two values, and what is drawn beside them. @param {Omit<Chart, "uplot">} chart @param {Value} low @param {Value} high @returns {[number, number]} */
+function verticalScale({ spec: { step, span }, extra }, low, high) {
+  const [least, most] = [Math.min(low ?? Infinity, ...extra), Math.max(high ?? -Infinity, ...extra)];
+  if (!(least <= most)) return [0, span];
+  const margin = Math.max(0, span - (most - least)) / 2 + 0.04 * Math.max(span, most - least);
+  return [Math.floor((least - margin) / step) * step, Math.ceil((most + margin) / step) * step];
+}
+
+/** Gaps where ticks are missing, beside those of missing values. @param {Plot} u @param {number} _ @param {number} first @param {number} last @param {[number, number][]} gaps */
+function addGaps(u, _, first, last, gaps) {
+  const times = u.data[0];
   for (let i = first + 1; i <= last; i++) {
-    if (Number.isNaN(values[i]) || values[i] === null || times[i] - times[i - 1] > GAP_S) add(times[i - 1], times[i]);
+    if (times[i] - times[i - 1] > GAP_S) gaps.push([u.valToPos(times[i - 1], "x", true), u.valToPos(times[i], "x", true)]);
   }
-  return gaps;
+  return gaps.sort(([a], [b]) => a - b);
 }
 
-/** Draw a dashed line of times and values on top of a chart, within its plotting area. */
-export function drawLine(u, times, values, stroke = INK) {
-  const { ctx, bbox } = u;
+/** Draw a dashed line of times and values on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values */
+export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
   ctx.beginPath();
-  times.forEach((time, i) => ctx.lineTo(u.valToPos(time, "x", true), u.valToPos(values[i], "y", true)));
+  times.forEach((time, i) => ctx.lineTo(valToPos(time, "x", true), valToPos(values[i], "y", true)));
   ctx.strokeStyle = stroke;
   ctx.lineWidth = 2 * devicePixelRatio;
   ctx.setLineDash(DASHED.map((length) => length * devicePixelRatio));
@@ -172,18 +165,17 @@ export function drawLine(u, times, values, stroke = INK) {
   ctx.restore();
 }
 
-/** Draw an upright line at a time. */
+/** Draw an upright line at a time. @param {Plot} u @param {number} time @param {string} stroke @param {number[]} dash */
 export function drawTime(u, time, stroke, dash = []) {
-  const { ctx, bbox } = u;
   const x = u.valToPos(time, "x", true);
-  if (x < bbox.left || x > bbox.left + bbox.width) return;
-  ctx.save();
-  ctx.beginPath();
-  ctx.moveTo(x, bbox.top);
-  ctx.lineTo(x, bbox.top + bbox.height);
-  ctx.strokeStyle = stroke;
-  ctx.lineWidth = devicePixelRatio;
-  ctx.setLineDash(dash);
-  ctx.stroke();
-  ctx.restore();
+  if (x < u.bbox.left || x > u.bbox.left + u.bbox.width) return;
+  u.ctx.save();
+  u.ctx.beginPath();
+  u.ctx.moveTo(x, u.bbox.top);
+  u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
+  u.ctx.strokeStyle = stroke;
+  u.ctx.lineWidth = devicePixelRatio;
+  u.ctx.setLineDash(dash);
+  u.ctx.stroke();
+  u.ctx.restore();
 }

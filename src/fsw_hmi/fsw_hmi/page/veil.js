@@ -13,14 +13,14 @@ export class Veil {
   }
 
   /** News of `serverS`: lift the veil and wind the clock up again. */
-  lift(serverS) {
+  lift(/** @type {number} */ serverS) {
     setText(this.text, `Frozen or disconnected: no news since ${clock(serverS)} (server time)`);
     this.animation.currentTime = 0;
     if (this.animation.playState !== "running") this.animation.play();
   }
 
   /** Say what is known of why there is no news. */
-  drop(text) {
+  drop(/** @type {string} */ text) {
     setText(this.text, text);
     this.animation.finish();
   }

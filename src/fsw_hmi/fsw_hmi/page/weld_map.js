@@ -1,6 +1,6 @@
 // The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
-import { el, setText, svg } from "./dom.js";
-import { fixed, span } from "./format.js";
+import { el, setShort, svg } from "./dom.js";
+import { fixed, known, span } from "./format.js";
 import { judge, quantity } from "./quantities.js";
 
 const WAY_DEG = 420; // a turn, the overlap, and the way out
@@ -12,7 +12,7 @@ const SIGNS = ["", "▲", "■"];
 const MARK_PX = 48;
 
 export class WeldMap {
-  /** Of each step of the way the worst row, as `{rank, text, timeS}`. @type {({rank: number, text: string, timeS: number} | undefined)[]} */
+  /** Of each step of the way the worst row. @type {(Spot | undefined)[]} */
   #steps = new Array(WAY_DEG / STEP_DEG).fill(undefined);
   #drawn = "";
 
@@ -37,33 +37,33 @@ export class WeldMap {
     this.marks = el("div", { className: "exceedances" });
     const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg));
     root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis));
-    root.hidden = true;
     this.resizer = new ResizeObserver(() => this.draw());
     this.resizer.observe(root);
   }
 
   /** Take rows, in whatever order. */
-  add(rows) {
+  add(/** @type {Row[]} */ rows) {
     for (const row of rows) {
       const deg = row[this.angle];
-      if (deg === null || deg === undefined) continue;
+      const timeS = row[0];
+      if (!known(deg) || !known(timeS)) continue;
       const verdicts = this.columns.map(({ key, value, aim }) => ({ key, ...judge(key, this.limits, row[value], row[aim]) }));
       const found = verdicts.find(({ level }) => level === "high") ?? verdicts.find(({ level }) => level);
       const rank = LEVELS.indexOf(found?.level ?? "good");
       const step = Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#steps.length - 1);
       const before = this.#steps[step];
-      if (before && (before.rank > rank || (before.rank === rank && before.timeS <= row[0]))) continue;
-      this.#steps[step] = { rank, text: found ? `${quantity(found.key).name}: ${found.text}` : "", timeS: row[0] };
+      if (before && (before.rank > rank || (before.rank === rank && before.timeS <= timeS))) continue;
+      this.#steps[step] = { rank, text: found ? `${quantity(found.key).name}: ${found.text}` : "", timeS };
     }
   }
 
   draw() {
     const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
-    this.root.hidden = welded < 0;
     const outside = this.#stretches((rank) => rank > 0);
-    setText(this.detail, `${fixed(welded, 0)}° welded, ${outside.length ? `${outside.length === 1 ? "once" : `${outside.length} times`}` : "nowhere"} outside the limits`);
+    const times = outside.length === 1 ? "once" : outside.length ? `${outside.length} times` : "nowhere";
+    setShort(this.detail, welded < 0 ? "no angle is known yet" : `${fixed(welded, 0)}° welded, ${times} outside the limits`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
-    this.tool.setAttribute("d", `M${welded} 0v10`);
+    this.tool.setAttribute("d", welded < 0 ? "" : `M${welded} 0v10`);
     this.paths.forEach((path, level) => path.setAttribute("d", this.#stretches((rank) => rank === level).map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
     this.#mark(outside);
   }
@@ -86,6 +86,7 @@ export class WeldMap {
     const key = JSON.stringify([width, outside]);
     if (key === this.#drawn) return;
     this.#drawn = key;
+    /** @type {Map<number, Stretch[]>} */
     const places = new Map();
     for (const one of outside) {
       const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
@@ -97,7 +98,7 @@ export class WeldMap {
   }
 
   /** A mark for one stretch, or for several, which it shows one after the other. @param {Stretch[]} group */
-  #button(deg, group) {
+  #button(/** @type {number} */ deg, group) {
     const rank = Math.max(...group.map(({ worst }) => worst.rank));
     const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
@@ -112,6 +113,7 @@ export class WeldMap {
   }
 }
 
+/** @template {HTMLElement} Node @param {Node} node @param {number} deg */
 function at(node, deg) {
   node.style.setProperty("--at", `${(100 * deg) / WAY_DEG}%`);
   return node;

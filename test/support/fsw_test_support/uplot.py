@@ -1,0 +1,19 @@
+"""uPlot for tests that look at trends; without npm or its registry they are skipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fsw_hmi import npm
+from fsw_hmi import uplot as page_uplot
+
+
+@pytest.fixture(scope="session")
+def uplot() -> Path:
+    """The folder of uPlot's files."""
+    try:
+        return page_uplot.install()
+    except npm.NpmError as error:
+        pytest.skip(f"uPlot: {error}")
