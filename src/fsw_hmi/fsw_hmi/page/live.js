@@ -55,7 +55,7 @@ export class LivePage {
   }
 
   #show() {
-    this.status.tell(this.state);
+    if (this.state !== UNKNOWN) this.status.tell(this.state);
     this.status.progress.update(this);
     this.controllers.update(this.state);
     this.commands.update();
