@@ -25,9 +25,8 @@ export class Controllers {
     renew(this.notes, JSON.stringify(all), () => all.map(note));
   }
 
-  /** @param {Values} values @param {Value} tickAgeS */
-  time({ solve_ms: solveMs, latency_ms: latencyMs }, tickAgeS) {
-    setText(this.timing, `latency ${fixed(latencyMs, 0)} · solve ${fixed(solveMs, 0)} ms · age ${fixed(tickAgeS, 1)} s`);
+  time(/** @type {Values} */ { solve_ms: solveMs, latency_ms: latencyMs }) {
+    setText(this.timing, `latency ${fixed(latencyMs, 0)} ms · solve ${fixed(solveMs, 0)} ms`);
   }
 }
 
