@@ -97,7 +97,14 @@ TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm
 
 
 @pytest.mark.parametrize(
-    "text", [CLOSED, OPEN, FALLBACK, ALONE, WELD], ids=["closed", "open", "fallback", "alone", "weld"]
+    "text",
+    [
+        pytest.param(CLOSED, id="closed"),
+        pytest.param(OPEN, id="open", marks=pytest.mark.full),
+        pytest.param(FALLBACK, id="fallback"),
+        pytest.param(ALONE, id="alone", marks=pytest.mark.full),
+        pytest.param(WELD, id="weld", marks=pytest.mark.full),
+    ],
 )
 def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     path = tmp_path / "scenario.yaml"

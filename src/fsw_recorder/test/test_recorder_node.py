@@ -24,6 +24,7 @@ from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.recorder_node import RecorderNode
+from fsw_test_support.bags import decode
 from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
@@ -64,7 +65,7 @@ def records_of(bag: Path, topic: str) -> list[BagRecord]:
 
 def depths_of(bag: Path, topic: str = "/fsw/depth") -> list[float]:
     with BagReader(bag) as reader:
-        return [reader.decode(record).depth for record in reader.records([topic])]
+        return [decode(reader, record).depth for record in reader.records([topic])]
 
 
 def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path) -> None:
