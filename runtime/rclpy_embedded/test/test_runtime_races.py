@@ -60,9 +60,7 @@ OPERATIONS: dict[str, Callable[[SimpleNamespace], Any]] = {
     "look at the graph": lambda world: world.node.get_node_names(),
     "reset a timer": lambda world: world.timer.reset(),
     "create a guard condition": lambda world: world.node.create_guard_condition(lambda: None).trigger(),
-    "set a parameter": lambda world: world.node.declare_parameter("gain", 1.0),
     "destroy a subscription": lambda world: world.node.destroy_subscription(world.subscription),
-    "add a node": lambda world: (world.executor.remove_node(world.node), world.executor.add_node(world.node)),
     "spin": lambda world: world.executor.spin_once(timeout_sec=0),
 }
 EVENTS: dict[str, Callable[[SimpleNamespace], Any]] = {
@@ -86,9 +84,10 @@ PAIRS = [
     *(
         pytest.param(operation, event, marks=pytest.mark.full)
         for operation in OPERATIONS
-        for event in ("shutdown", "end of the context", "end of the node", "end of the subscription")
+        for event in ("end of the context", "end of the node", "end of the subscription")
         if (operation, event) not in _QUICK and (operation in _RECEIVING or event != "end of the subscription")
     ),
+    pytest.param("spin", "shutdown", marks=pytest.mark.full),
     pytest.param("spin", "shutdown of the executor", marks=pytest.mark.full),
 ]
 
