@@ -1,4 +1,4 @@
-"""The canister's heat against what can be integrated: moving sources in a plate and in a thick body."""
+"""The canister's heat against what can be integrated: a moving line source in a plate."""
 
 from math import pi
 
@@ -11,7 +11,6 @@ from scipy.integrate import quad
 from scipy.special import k0
 
 from fsw_canister import CanisterParameters, ReducedCanister, load_or_reduce
-from fsw_canister.full import FullCanister
 
 pytestmark = pytest.mark.slow
 
@@ -75,25 +74,3 @@ def test_a_line_source_far_from_edges_reaches_the_steady_field_of_rosenthal() ->
         rosenthal = 20e3 / (2.0 * pi * K) * np.exp(-rate * ahead) * k0(rate * distances).sum()
         rise = wide.temperature_c(state, 316.0, state.angle_rad + ahead / 0.32, 1e3 * aside) - 20.0
         assert rise == pytest.approx(rosenthal, rel=0.02)
-
-
-@pytest.mark.full
-def test_a_point_source_on_a_thick_body_reaches_the_steady_field_of_rosenthal() -> None:
-    thick = PLATE | {
-        "outer_radius_mm": 160.0, "wall_mm": 150.0, "probe_radius_mm": 10.0, "shoulder_radius_mm": 12.0,
-        "rim_mm": 150.0,
-        "shoulder_share": 1.0, "tube_mm": 200.0, "clamp_from_mm": 10.0, "clamp_to_mm": 20.0, "element_mm": 5.0,
-        "modes": 64,
-    }  # fmt: skip
-    full, speed = FullCanister(CanisterParameters(**thick), 0.5), 0.002
-    state = full.initial()
-    for _ in range(100):
-        state = full.step(state, 1.0, 1e3 * speed, 0.0)
-    ring = np.array(around(0.011, 24))  # the shoulder's heat, made between 10 and 12 mm
-    for ahead, aside, below in ((0.04, 0, 0), (0, 0.04, 0), (0, 0, 0.04), (-0.05, 0, 0.02), (0.02, 0.02, 0.03)):
-        x, y = ahead - ring[0], aside - ring[1]
-        distance = np.sqrt(x**2 + y**2 + below**2)
-        points = 1e3 / (2.0 * pi * K * distance) * np.exp(-speed / (2.0 * ALPHA) * (x + distance))
-        rosenthal = points.mean()
-        place = (160.0 - 1e3 * below, state.angle_rad + ahead / 0.16, 1e3 * aside)
-        assert full.temperature_c(state, *place)[0] - 20.0 == pytest.approx(rosenthal, rel=0.02)
