@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 from _bootstrap import SOURCES, WORKSPACE, ensure
 
-ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "mutation"])
+ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "canister", "mutation"])
 
 import yaml  # noqa: E402
 

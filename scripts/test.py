@@ -31,7 +31,7 @@ OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaig
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
-ensure(dev=True, oldest=OLDEST in sys.argv, extras=["fmu", "machine", "campaign", "hmi"])
+ensure(dev=True, oldest=OLDEST in sys.argv, extras=["fmu", "machine", "campaign", "hmi", "canister"])
 
 
 def run(title: str, *command: str) -> int:

@@ -16,6 +16,8 @@ from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
+from fsw_control.weld import TICK_S
+from fsw_plant import PlantConfig, prepare
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of, short, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -112,6 +114,8 @@ def _loops(
     labels = list(dict.fromkeys(arguments.controller or [scenario.controller]))
     loops = {}
     used: set[str] = set()
+    with ProgressBar("heat conduction in the canister") as bar:
+        prepare(PlantConfig.from_values(scenario.plant), lambda share, _: bar(share))
     for label in labels:
         if scenario.open_loop:
             chosen, title = scenario, "open loop"
@@ -138,7 +142,10 @@ def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_fi
     if with_figures:
         paths += draw(runs, scenario.figures, folder)
     if scenario.phases:
-        phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
+        phases = [
+            phase_kpi.recorded_spans(run.signals) or spans(scenario.phases, run.signals.n_ticks * TICK_S)
+            for run in runs
+        ]
         by_phase = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
         paths += phase_kpi.write(by_phase, folder)
         if with_figures:

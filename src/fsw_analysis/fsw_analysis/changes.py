@@ -94,15 +94,15 @@ def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return signals
     n = int(np.searchsorted(signals.time_s, last_s + _LATE_S, side="right"))
-    return signals if n >= signals.n_ticks else _head(signals, n)
+    return signals if n >= signals.n_ticks else part(signals, slice(n))
 
 
-def _head(value: Any, n: int) -> Any:
-    """A copy of signals with the first ``n`` ticks of every array."""
+def part(value: Any, ticks: slice) -> Any:
+    """A copy of signals with some ticks of every array."""
     if isinstance(value, np.ndarray):
-        return value[:n]
+        return value[ticks]
     if isinstance(value, dict):
-        return {name: _head(inner, n) for name, inner in value.items()}
+        return {name: part(inner, ticks) for name, inner in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{one.name: _head(getattr(value, one.name), n) for one in fields(value)})
+        return replace(value, **{one.name: part(getattr(value, one.name), ticks) for one in fields(value)})
     return value

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fsw_control import weld
 from fsw_control.parameters import validate
 from fsw_export.choice import Choice
+from fsw_export.errors import ExportError
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
@@ -34,6 +35,8 @@ def plant(choice: Choice) -> Content:
         If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
         within the drives' limits.
     """
+    if choice.parameters.get("process", "paper") != "paper":
+        raise ExportError("the plant as an FMU has the paper's process only; leave out process")
     own = (*_FIXED, *_TUNABLE, "model_file")
     specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
     validate(specs, choice.parameters)

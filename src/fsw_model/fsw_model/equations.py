@@ -9,6 +9,7 @@ kept apart, as the power of the steps that it spans.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import exp, pi
 
 import casadi as ca
@@ -184,7 +185,50 @@ def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
     x = ca.SX.sym("x", N_STATES)
     older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
-    creep, slow, fast, copper, tool, motor = ca.vertsplit(x)
+
+    def thermal(span_s: float) -> tuple[ca.SX, ca.SX]:
+        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s))
+        later = phi @ ca.vertcat(x[COPPER], x[TOOL]) + by_older @ older + by_newer @ newer
+        return later[0], later[1]
+
+    x_next, power, depth = _stepped(p, x, force, speed, thermal)
+    return ca.Function(
+        "process_step",
+        [x, older, newer, force, speed],
+        [x_next, power, depth],
+        ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm"],
+        ["x_next", "power_kw", "depth_mm"],
+    )
+
+
+def driven_step_function(p: ModelParameters) -> ca.Function:
+    """CasADi function of one step of a process whose copper is another model's.
+
+    (x, copper at start and end as the tool meets it, force, speed) -> (x next, mean power, depth). The copper's
+    temperature takes the place of the first lag of (16): it is what it was a dead time ago, linear within the step,
+    which the lag of the tool follows exactly. The copper in ``x`` stays.
+    """
+    x = ca.SX.sym("x", N_STATES)
+    copper = ca.SX.sym("copper_c", 2)
+    force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
+    rate, lag = (copper[1] - copper[0]) / STEP_S, p.tool_lag_s
+
+    def thermal(span_s: float) -> tuple[ca.SX, ca.SX]:
+        behind = x[TOOL] - copper[0] + rate * lag
+        return x[COPPER], copper[0] + rate * (span_s - lag) + behind * exp(-span_s / lag)
+
+    x_next, power, depth = _stepped(p, x, force, speed, thermal)
+    faded = p.motor_lag_s / STEP_S * (1.0 - exp(-STEP_S / p.motor_lag_s))
+    mean = p.operating_power_kw + power[0] + power[1] / 2.0 + power[2] / 3.0 + power[3] * faded
+    names = ["x", "copper_c", "force_kn", "speed_rpm"], ["x_next", "mean_kw", "depth_mm"]
+    return ca.Function("driven_step", [x, copper, force, speed], [x_next, mean, depth], *names)
+
+
+def _stepped(
+    p: ModelParameters, x: ca.SX, force: ca.SX, speed: ca.SX, thermal: Callable[[float], tuple[ca.SX, ca.SX]]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """State after a step, power within it and depth at its end; ``thermal`` is copper and tool after a time."""
+    creep, slow, fast, _, tool, motor = ca.vertsplit(x)
     poles, gains = depth_modes(p)
     pushed = force - p.operating_force_kn  # (25)
     settled = -gains[2] / poles[2] * pushed  # of the fast mode
@@ -194,10 +238,9 @@ def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
         decay = exp(poles[1] * span_s)
         slow_then = decay * slow + (decay - 1.0) / poles[1] * gains[1] * pushed
         creep_then = creep + gains[0] * span_s * pushed
-        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s))
-        thermal = phi @ ca.vertcat(copper, tool) + by_older @ older + by_newer @ newer
-        depth = depth_mm(p, creep_then, slow_then, settled, thermal[1])
-        return creep_then, slow_then, thermal[0], thermal[1], depth
+        copper_then, tool_then = thermal(span_s)
+        depth = depth_mm(p, creep_then, slow_then, settled, tool_then)
+        return creep_then, slow_then, copper_then, tool_then, depth
 
     *_, depth_middle = later(0.5 * STEP_S)
     creep_end, slow_end, copper_end, tool_end, depth_end = later(STEP_S)
@@ -220,10 +263,4 @@ def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
     fast_end = settled + (fast - settled) * exp(poles[2] * STEP_S)
     power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
     power[0] -= p.operating_power_kw  # (24)
-    return ca.Function(
-        "process_step",
-        [x, older, newer, force, speed],
-        [ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end), power, depth_end],
-        ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm"],
-        ["x_next", "power_kw", "depth_mm"],
-    )
+    return ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end), power, depth_end

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite, pi
 from struct import Struct
@@ -123,6 +123,11 @@ class _Numeric:
         self._put(self._target, 0, *values)
         self._evaluate()
         return self._result.tolist()
+
+
+def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:
+    """:func:`fsw_model.equations.driven_step_function` of floats: all results from all arguments, one after another."""
+    return _Numeric(equations.driven_step_function(parameters))
 
 
 class ProcessModel:

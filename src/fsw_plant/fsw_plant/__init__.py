@@ -1,7 +1,7 @@
 """Plant emulator: the weld as its controllers and operators meet it."""
 
 from fsw_plant.config import PlantConfig
-from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth
+from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth, prepare
 from fsw_plant.events import PlantEvent
 from fsw_plant.schedule import PlantSchedule
 
@@ -13,4 +13,5 @@ __all__ = [
     "PlantSchedule",
     "Reading",
     "Truth",
+    "prepare",
 ]

@@ -6,23 +6,49 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
+from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
 from fsw_model import STEP_S, ModelParameters
+from fsw_schema.models import validate
+from fsw_schema.ranges import Range
 
 
 @lru_cache(maxsize=1)
 def specs() -> dict[str, ParameterSpec]:
-    """Descriptions of all parameters of the plant: ``plant.yaml``, and a factor on each parameter of the model."""
+    """Descriptions of all parameters of the plant.
+
+    Those of ``plant.yaml``, a factor on each parameter of the model, and the parameters of the canister.
+    """
     factors = {
         f"model.{name}": ParameterSpec(
             f"model.{name}", "double", 1.0, f"Factor on the model parameter {name}", range=(0.1, 10.0)
         )
         for name in ModelParameters.model_fields
     }
-    return parameters.load("fsw_plant", "plant.yaml") | factors
+    return parameters.load("fsw_plant", "plant.yaml") | factors | _canister_specs()
+
+
+def _canister_specs() -> dict[str, ParameterSpec]:
+    """Parameters of the canister, as its model describes them; they are for the start only."""
+    found = {}
+    for name, field in CanisterParameters.model_fields.items():
+        bounds = next((one for one in field.metadata if isinstance(one, Range)), None)
+        options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+        kind = {bool: "bool", int: "int", str: "string"}.get(type(field.default), "double")
+        found[f"canister.{name}"] = ParameterSpec(
+            f"canister.{name}",
+            kind,
+            field.default,
+            field.description or name,
+            unit=bounds.unit if bounds else "",
+            range=(bounds.low, bounds.high) if bounds else None,
+            options=options,
+            read_only=True,
+        )
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +63,14 @@ class PlantConfig:
         Bounds and largest change per tick of the drives.
     model : ModelParameters
         Those of the emulated process, mismatch included.
+    canister : CanisterParameters or None
+        Those of the canister, None where the process is the paper's.
     """
 
     values: Mapping[str, Any]
     limits: Limits
     model: ModelParameters
+    canister: CanisterParameters | None = None
 
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
@@ -71,7 +100,7 @@ class PlantConfig:
                 force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
                 speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
             )
-            return cls(checked, limits, _model(checked))
+            return cls(checked, limits, _model(checked), _canister(checked))
         except ValueError as error:
             raise ParameterError(str(error)) from None
 
@@ -114,3 +143,11 @@ def _model(values: Mapping[str, Any]) -> ModelParameters:
     factors = {name: values[f"model.{name}"] for name in ModelParameters.model_fields}
     parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
     return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
+
+
+def _canister(values: Mapping[str, Any]) -> CanisterParameters | None:
+    """The parameters of the canister."""
+    if values["process"] != "canister":
+        return None
+    own = {name: values[f"canister.{name}"] for name in CanisterParameters.model_fields}
+    return validate(CanisterParameters, own, "canister")

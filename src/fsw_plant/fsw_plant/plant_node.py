@@ -23,10 +23,11 @@ from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, sensor_publishers
-from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand
+from fsw_control.weld import TICK_NS
+from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
-from fsw_plant.emulator import PlantEmulator
+from fsw_plant.emulator import PlantEmulator, prepare
 from fsw_plant.lockstep import Lockstep
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
@@ -52,9 +53,9 @@ class PlantNode(Node):
         super().__init__("fsw_plant")
         self._settings = ParameterValues(self, specs())
         values = self._settings.values
-        self._plant = PlantEmulator(
-            PlantConfig.from_values(values), PlantSchedule.from_text_or_file(values["scenario"])
-        )
+        config, schedule = PlantConfig.from_values(values), PlantSchedule.from_text_or_file(values["scenario"])
+        prepare(config, self._log_preparation)
+        self._plant = PlantEmulator(config, schedule)
         self._speed = float(values["speed"])
         self._lockstep = self._speed == 0.0
         self._simulated = (
@@ -88,8 +89,13 @@ class PlantNode(Node):
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        if self._settings["process"] == "canister":  # before the player's word that a tick is complete
+            self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
+
+    def _log_preparation(self, share: float, what: str) -> None:
+        self.get_logger().info(f"canister, {100.0 * share:.0f} %: {what}", throttle_duration_sec=2.0)
 
     # ---------------------------------------------------------------- ticks
 
@@ -162,6 +168,14 @@ class PlantNode(Node):
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
+
+    def _on_progress(self, message: WeldProgress) -> None:
+        """The tool goes where the programme of the weld says, and stands while that is held."""
+        if not self._running:
+            return
+        age_ns = self._plant.measure().stamp_ns - convert.stamp_ns(message.header.stamp)
+        time_s = self._plant.schedule.path_end_s - message.time_left
+        self._plant.follow_programme(time_s, message.state != "running", round(age_ns / TICK_NS))
 
     def _on_player_ready(self, message: Header) -> None:
         if self._pace.on_player(convert.stamp_ns(message.stamp)):

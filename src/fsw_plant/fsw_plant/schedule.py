@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, model_validator
 
 from fsw_plant.event_schema import TIME_S, DisturbanceEntry, FaultEntry
 from fsw_plant.events import EPSILON_S, PlantEvent
+from fsw_plant.tool_path import Waypoint, check_order
 from fsw_schema.models import Many, Model, content_of, read_text, validate
 
 
@@ -38,11 +39,17 @@ class EventEntry(Model):
 
 
 class _Scenario(Model):
-    """A scenario, of which the plant only reads the events."""
+    """A scenario, of which the plant only reads the events and the tool's path."""
 
     model_config = ConfigDict(extra="ignore")
 
     events: Many[EventEntry] = ()
+    path: Many[Waypoint] = ()
+
+    @model_validator(mode="after")
+    def _check_path(self) -> _Scenario:
+        check_order(self.path)
+        return self
 
 
 class PlantSchedule:
@@ -52,6 +59,8 @@ class PlantSchedule:
     ----------
     events : iterable of PlantEvent
         In any order; those of one time are applied in the order given.
+    path : sequence of Waypoint
+        Of the tool; for a plant on a canister.
 
     Attributes
     ----------
@@ -59,8 +68,14 @@ class PlantSchedule:
         Those to come, in order of time.
     """
 
-    def __init__(self, events: Iterable[PlantEvent] = ()) -> None:
+    def __init__(self, events: Iterable[PlantEvent] = (), path: Sequence[Waypoint] = ()) -> None:
         self.events = deque(sorted(events, key=lambda event: event.at_s))
+        self.path = tuple(path)
+
+    @property
+    def path_end_s(self) -> float:
+        """Time of the last point of the path."""
+        return self.path[-1].at_s if self.path else 0.0
 
     def due(self, time_s: float) -> list[PlantEvent]:
         """Take the events that a tick at ``time_s`` has reached."""
@@ -81,7 +96,7 @@ class PlantSchedule:
         content = content_of(text, where)
         scenario = validate(_Scenario, content if isinstance(content, dict) else {"events": content}, where)
         found = (event.plant_event() for event in scenario.events)
-        return cls(event for event in found if event is not None)
+        return cls((event for event in found if event is not None), scenario.path)
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:

@@ -1,6 +1,8 @@
-"""Fixture: the plant's node and a peer in a DDS domain of their own."""
+"""Fixtures: the plant's node and a peer in a DDS domain of their own; what stands for a reduced canister."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import pytest
 
@@ -105,3 +107,33 @@ def graph(domain_id):
     graph = Graph(domain_id)
     yield graph
     graph.stop()
+
+
+@dataclass
+class Heat:
+    energy_kj: float
+
+
+class Block:
+    """Stands for the canister: a block without losses, whose temperature is easily told; notes how it is moved."""
+
+    def __init__(self, c_per_kj=0.1):
+        self.c_per_kj, self.moved = c_per_kj, []
+
+    def initial(self, temperature_c=None):
+        return Heat(0.0)
+
+    def step(self, state, power_kw, traverse_mm_per_s, axial_mm, dt_s=0.1):
+        self.moved.append((round(traverse_mm_per_s, 9), round(axial_mm, 9)))
+        return Heat(state.energy_kj + power_kw * dt_s)
+
+    def stir_zone_temperature_c(self, state):
+        return 20.0 + self.c_per_kj * state.energy_kj
+
+
+@pytest.fixture
+def block(monkeypatch):
+    """A block in the place of the canister of all plants."""
+    canister = Block()
+    monkeypatch.setattr("fsw_plant.emulator.reduced", lambda parameters, progress=None: canister)
+    return canister

@@ -15,7 +15,7 @@ from fsw_control import Command
 from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_control.units import mm_from_m, rpm_from_rad_s
-from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
+from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState, WeldProgress
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_test_support.waiting import PATIENCE_S
@@ -59,6 +59,30 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
         assert peer.stamps(topic) == [(k + 1) * TICK_NS for k in range(len(moves) + 1)], topic
     clock = peer.stamps("clock")
     assert clock and set(clock) <= set(peer.stamps("depth")) and clock == sorted(clock)
+
+
+def test_on_a_canister_the_tool_goes_where_the_programme_says(graph, block):
+    """In real time: it travels with the time, stands in a hold, and goes on from there."""
+    path = "{path: [{at_s: 0.0, arc_mm: 0.0}, {at_s: 1000.0, arc_mm: 2000.0, axial_mm: 100.0}]}"
+    peer = graph.start(process="canister", start__temperature_c=800.0, scenario=f'"{path}"')
+    progress = peer.node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+    heated = len(block.moved)
+    graph.until(lambda: len(block.moved) > heated + 2)
+    assert block.moved[-1][0] == 2.0
+
+    def tell(state, time_s):
+        stamp = peer.got["depth"][-1].header.stamp
+        progress.publish(WeldProgress(header=Header(stamp=stamp), state=state, time_left=1000.0 - time_s))
+
+    graph.until(lambda: progress.get_subscription_count() == 1)
+    tell("held", 500.0)
+    graph.until(lambda: block.moved[-1] == (0.0, 50.0))
+    stood = len(block.moved)
+    graph.until(lambda: len(block.moved) > stood + 2)
+    assert set(block.moved[stood:]) == {(0.0, 50.0)}
+    tell("running", 500.0)
+    graph.until(lambda: block.moved[-1][0] == 2.0)
+    assert 50.0 < block.moved[-1][1] < 51.0
 
 
 def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(graph):

@@ -35,6 +35,8 @@ from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references, switches
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
+from fsw_scenario.weld_programme_course import Course
 from fsw_schema.models import InputError
 
 #: ticks between two reports of progress
@@ -44,8 +46,61 @@ _PROGRESS_TICKS = 100
 def plant_of(scenario: Scenario) -> PlantEmulator:
     """The plant that a scenario sets up, with its disturbances and faults."""
     events = (event.plant_event() for event in scenario.events)
-    schedule = PlantSchedule(event for event in events if event is not None)
+    schedule = PlantSchedule((event for event in events if event is not None), scenario.path)
     return PlantEmulator(PlantConfig.from_values(scenario.plant), schedule)
+
+
+class _Programme:
+    """The set-points by tick; on a canister the programme may be shortened by a phase that waits for a temperature.
+
+    Attributes
+    ----------
+    reference : Reference
+        Set-points in force.
+    plan : ReferencePlan or None
+        What is announced.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._course = Course(references(scenario, start_reference(scenario.plant)))
+        waits = any(phase.until_c is not None for phase in scenario.phases)
+        self._machine = PhaseMachine(scenario.phases) if waits else None
+        self._announced, self._n_ticks = scenario.announced, scenario.n_ticks
+        self._shown: deque[float] = deque(maxlen=READING_AGE_TICKS + 1)
+        self.reference = self._course.coming.popleft()[1]
+        self._announce()
+
+    @property
+    def _held(self) -> int:
+        return 0 if self._machine is None else self._machine.held
+
+    def _announce(self) -> None:
+        planned = [((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)]
+        self.plan = ReferencePlan(planned) if self._announced else None
+
+    def over(self, tick: int) -> bool:
+        """Whether the scenario ends before a tick of the process."""
+        return tick - self._held > self._n_ticks
+
+    def begin(self, tick: int) -> Reference:
+        """The set-points at a tick, with what is announced."""
+        coming = self._course.coming
+        while coming and coming[0][0] <= tick - self._held:
+            self.reference = coming.popleft()[1]
+        if self.plan is None:
+            return self.reference
+        return replace(self.reference, coming=self.plan.after(tick * TICK_NS, self.reference))
+
+    def end(self, tick: int, plant: PlantEmulator, shown_c: float) -> int:
+        """Follow what the thermocouple shows at a tick, and let the plant follow; returns the tick of the programme."""
+        self._shown.append(shown_c)
+        if self._machine is not None:
+            if self._machine.follow(tick, self._shown[0]):
+                self._course.resume(self.reference, self._machine.tick)
+                self._announce()
+            if self._held:
+                plant.follow_programme(self._machine.tick * STEP_S, standing=False)
+        return tick - self._held
 
 
 class _Tick(NamedTuple):
@@ -114,21 +169,17 @@ class ClosedLoop:
             Called now and then with the share done, 0 to 1.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
-        changes, swaps = references(scenario, start_reference(scenario.plant)), deque(switches(scenario).items())
-        reference, applied = changes[0], plant.applied
+        programme, swaps = _Programme(scenario), deque(switches(scenario).items())
+        applied, tick = plant.applied, 0
         first = OpenLoopController.name if scenario.open_loop else scenario.controller
         faulty = any(event.fault is not None for event in scenario.events)
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
         (active, mode), reason = (first, "auto"), ""
-        coming = stair(changes.items()) if scenario.announced else None
-        plan = None if coming is None else ReferencePlan([(tick * TICK_NS, one) for tick, one in coming])
         guard = SensorGuard()
         ticks: list[_Tick] = []
-        for tick in range(1, scenario.n_ticks + 1):
-            reference = changes.get(tick, reference)
-            if plan is not None:
-                reference = replace(reference, coming=plan.after(tick * TICK_NS, reference))
+        while not programme.over(tick := tick + 1):
+            reference = programme.begin(tick)
             _, stamp_ns, *sent, drives = plant.measure()
             values = {
                 sensor: sample.value
@@ -151,15 +202,16 @@ class ClosedLoop:
                 decision = supervisor.decide(stamp_ns, values, drives, proposals)
                 applied, source, reason = decision.command, decision.source, decision.reason
                 active, mode = supervisor.state
-                while swaps and swaps[0][0] <= tick + 1:
-                    supervisor.switch(swaps.popleft()[1])
+            passed = programme.end(tick, plant, values.get("thermocouple", nan))
+            while supervisor is not None and swaps and swaps[0][0] <= passed + 1:
+                supervisor.switch(swaps.popleft()[1])
             truth = plant.truth()
             row = _Tick(stamp_ns, values, drives, reference, answers, applied, source, reason, active, mode, truth)
             ticks.append(row)
             plant.apply(applied, stamp_ns, source)
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
-                progress(tick / scenario.n_ticks)
+                progress(passed / scenario.n_ticks)
         return self._signals(ticks)
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:

@@ -18,8 +18,9 @@ from fsw_plant.config import flatten
 from fsw_plant.config import json_schema as plant_json_schema
 from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_plant.schedule import EventEntry
+from fsw_plant.tool_path import Waypoint, check_order
 from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
-from fsw_scenario.weld_programme_file import joined, set_points
+from fsw_scenario.weld_programme_file import joined, set_points, tool_path
 from fsw_schema.models import Many, Model, Name, needs_one, problem, without_default
 from fsw_schema.ranges import Range
 
@@ -117,6 +118,8 @@ class Scenario(Model):
     """parameters of the plant that differ from their defaults, see `plant.yaml`"""
     phases: Many[Phase] = ()
     """of a whole weld, in place of `reference` events"""
+    path: Many[Waypoint] = ()
+    """of the tool, for a plant with `process: canister`; with `phases` it follows from them"""
     events: Many[Event] = ()
     """in order of time"""
     figures: Many[Literal[4, 5, 6, 7, 8, 9]] = ()
@@ -134,6 +137,11 @@ class Scenario(Model):
             raise ValueError(f"is wrong: {error}") from None
         return flatten(values)
 
+    @property
+    def on_canister(self) -> bool:
+        """Whether the plant conducts heat in a canister."""
+        return bool(self.plant.get("process") == "canister")
+
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if "phases" in self.model_fields_set:
@@ -144,8 +152,13 @@ class Scenario(Model):
                 raise problem(f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out", "duration_s")
         elif "duration_s" in self.model_fields_set:
             phases, duration_s = (), self.duration_s
+            check_order(self.path)
         else:
             raise ValueError("lacks duration_s")
+        if not self.on_canister and any(phase.until_c is not None for phase in phases):
+            raise problem(
+                "waits with until_c, which needs plant: {process: canister}; the paper's starts warm", "phases"
+            )
         own = [
             Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))
             for at_s, one in set_points(phases, start_reference(self.plant))
@@ -153,7 +166,11 @@ class Scenario(Model):
         events = self._placed(phases)
         self._check(events, duration_s)
         events = sorted((*own, *events), key=attrgetter("at_s"))
-        return self.model_copy(update={"duration_s": duration_s, "phases": phases, "events": tuple(events)})
+        complete = {"duration_s": duration_s, "phases": phases, "events": tuple(events)}
+        path = tool_path(phases) if phases else self.path
+        if "path" in self.model_fields_set and path != self.path:
+            raise problem("is not that of the phases; leave it out", "path")
+        return self.model_copy(update=complete | {"path": path})
 
     def _placed(self, phases: Sequence[Phase]) -> list[Event]:
         """The events, those with an angle at the time at which the tool first passes there."""

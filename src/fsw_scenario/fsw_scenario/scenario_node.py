@@ -9,6 +9,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Sequence
+from math import nan
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -34,7 +35,7 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references, switches
-from fsw_scenario.weld_programme import PhaseMachine, State
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_scenario.weld_programme_ros import ProgrammeServer
 
@@ -79,6 +80,7 @@ class ScenarioNode(Node):
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
         self._stamp_ns = 0
+        self._shown: deque[tuple[int, float]] = deque(maxlen=10 * READING_AGE_TICKS)  #: by the thermocouple
         self._tick = 0  #: of the scenario; the process is further by what was held
         self._held = 0
         self._reported = -self._scenario.n_ticks  # the first tick is reported
@@ -140,6 +142,8 @@ class ScenarioNode(Node):
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
+        if sensor == "thermocouple":
+            self._shown.append((stamp_ns, value))
         self._follow(sensor, stamp_ns, value)
         if sensor == "depth" and self._simulated and not self.finished:
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
@@ -172,9 +176,14 @@ class ScenarioNode(Node):
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         if self._programme is not None:
             machine, self._stamp_ns = self._programme.machine, stamp_ns
-            machine.follow(self._tick)
+            jumped = machine.follow(self._tick, self._reading_c(stamp_ns))
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
+            if jumped and self._course.followed:
+                present = self._in_force()
+                self._course.resume(present, self._tick)
+                self._restart(present)
+                self.get_logger().info(f"the temperature is there: {machine.describe()}")
             if self._course.followed and self._mark_received and self._received.mark != self._mark:
                 self.get_logger().warning(
                     "manual set-points are in force; those of the programme follow after a resume"
@@ -193,6 +202,11 @@ class ScenarioNode(Node):
             self._report(False)
         if self._tick >= self._scenario.n_ticks:
             self._end("")
+
+    def _reading_c(self, stamp_ns: int) -> float:
+        """What the thermocouple showed some ticks ago; NaN where that is not known."""
+        known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
+        return next((value for at_ns, value in reversed(self._shown) if at_ns <= known_ns), nan)
 
     def _report(self, finished: bool) -> None:
         tick, wall_s = min(self._tick, self._scenario.n_ticks), time.monotonic() - self._began_s

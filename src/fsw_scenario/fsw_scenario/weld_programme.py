@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate
-from math import pi
+from math import nan, pi
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
@@ -25,6 +25,10 @@ PhaseName = Literal["dwell", "start", "downward", "joint_line", "overlap", "park
 #: The sequences of a weld in their order; one may be left out.
 PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
 ANGLE_DEG, LENGTH_MM = Range(0.0, 720.0, "deg"), Range(0.0, 10_000.0, "mm")
+#: of the thermocouple's sample that decides, so that in the graph it has come (chosen)
+READING_AGE_TICKS = 2
+#: an `until_c` must be kept for so many ticks, so that noise does not end the phase (chosen)
+_WARM_TICKS = 10
 #: numbers of ticks that are further apart come from a jump of the clock
 _CLOCK_JUMP_TICKS = 100
 
@@ -56,6 +60,9 @@ class Phase(Model):
     """in this order; one may be left out"""
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of a phase without travel"""
+    until_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
+    """in a `dwell` without travel: it ends as soon as the thermocouple has shown so much for 1 s; `duration_s` is then
+    the longest that it takes"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
     """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
@@ -72,6 +79,8 @@ class Phase(Model):
         duration, travel = (key in self.model_fields_set for key in ("duration_s", "to_deg"))
         if moving and not travel:
             raise ValueError(f"has {', '.join(moving)} but no to_deg")
+        if self.until_c is not None and (travel or self.name != "dwell"):
+            raise ValueError("has until_c; only a dwell without travel waits for a temperature")
         if duration and travel:
             raise ValueError("has duration_s and to_deg; the duration of a path follows from its speed")
         if not duration and not travel:
@@ -99,10 +108,13 @@ class Progress:
     time_left_s: float
 
 
-def spans(phases: Sequence[Phase]) -> list[tuple[str, float, float]]:
-    """Name, begin and end of each phase [s]."""
-    ends = list(accumulate(phase.duration_s for phase in phases))
-    return [(phase.name, end - phase.duration_s, end) for phase, end in zip(phases, ends, strict=True)]
+def spans(phases: Sequence[Phase], whole_s: float | None = None) -> list[tuple[str, float, float]]:
+    """Name, begin and end of each phase [s], as planned or of a weld that took ``whole_s``: its dwell was shorter."""
+    lengths = [phase.duration_s for phase in phases]
+    if whole_s is not None and phases[0].until_c is not None:
+        lengths[0] -= max(sum(lengths) - whole_s, 0.0)
+    ends = list(accumulate(lengths))
+    return [(phase.name, end - length, end) for phase, length, end in zip(phases, lengths, ends, strict=True)]
 
 
 def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
@@ -126,7 +138,8 @@ class PhaseMachine:
     tick : int
         Ticks of the programme that have passed.
     held : int
-        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock.
+        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock; less what
+        phases were shorter because the temperature was there.
     state : State
     """
 
@@ -134,11 +147,19 @@ class PhaseMachine:
         self._phases = tuple(phases)
         self._spans = spans(phases)
         self._n_ticks = round(self._spans[-1][2] / TICK_S)
-        self.tick = self.held = 0
+        self.tick = self.held = self._warm_ticks = 0
         self.state = State.RUNNING
 
-    def follow(self, number: int) -> None:
-        """Take the number of the process's tick, 1 at the first; an old one or one of another clock does no harm."""
+    def follow(self, number: int, temperature_c: float = nan) -> bool:
+        """Take the number of the process's tick, 1 at the first, and what the thermocouple has shown.
+
+        An old one or one of another clock does no harm.
+
+        Returns
+        -------
+        bool
+            Whether the programme has jumped to the end of a phase, because the temperature is there.
+        """
         passed = number - self.tick - self.held
         if abs(passed) > _CLOCK_JUMP_TICKS:
             self.held, passed = self.held + passed - 1, 1
@@ -146,8 +167,28 @@ class PhaseMachine:
             self.held += max(passed, 0)
         else:
             self.tick = min(self.tick + max(passed, 0), self._n_ticks)
+            jumped = passed > 0 and self._jump(temperature_c)
             if self.tick == self._n_ticks:
                 self.state = State.DONE
+            return jumped
+        return False
+
+    def _jump(self, temperature_c: float) -> bool:
+        """Go to the end of a phase whose temperature is there."""
+        phase, begin_s, end_s = self._present()
+        warm = begin_s < self.tick * TICK_S and phase.until_c is not None and temperature_c >= phase.until_c
+        self._warm_ticks = self._warm_ticks + 1 if warm else 0
+        if self._warm_ticks < _WARM_TICKS:
+            return False
+        self._warm_ticks = 0
+        left = round(end_s / TICK_S) - self.tick
+        self.tick, self.held = self.tick + left, self.held - left
+        return left > 0
+
+    def _present(self) -> tuple[Phase, float, float]:
+        """The present phase, its begin and its end."""
+        parts = [(phase, *span[1:]) for phase, span in zip(self._phases, self._spans, strict=True)]
+        return next((part for part in parts if self.tick * TICK_S < part[2]), parts[-1])
 
     def hold(self) -> tuple[bool, str]:
         """Stop the travel; returns whether, and the answer in words."""

@@ -6,9 +6,11 @@ All errors are for a validator of the scenario: they say at which of its ``phase
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import sqrt
 
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_plant.tool_path import Waypoint
 from fsw_scenario.weld_programme import ANGLE_DEG, LENGTH_MM, MM_PER_DEG, PHASES, Phase, PhaseSetPoint
 from fsw_schema.models import problem
 from fsw_schema.ranges import Range
@@ -46,6 +48,27 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
         complete = {"from_deg": here_deg, "length_mm": length_mm, "duration_s": duration_s}
         phases.append(entry.model_copy(update=complete))
     return tuple(phases)
+
+
+def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
+    """The tool's places at the ends of the phases.
+
+    What the path of ``downward`` or ``parking`` is longer than its arc goes down to the joint line or up from it.
+    """
+    climb = {"downward": -1.0, "parking": 1.0}
+    points, time_s, arc_mm, axial_mm = [(0.0, 0.0, 0.0)], 0.0, 0.0, 0.0
+    line_mm = 0.0  # the joint line, seen from the start
+    for phase in phases:
+        arc = (phase.to_deg - phase.from_deg) * MM_PER_DEG
+        time_s, arc_mm = time_s + phase.duration_s, arc_mm + arc
+        axial_mm += climb.get(phase.name, 0.0) * sqrt(max(phase.length_mm**2 - arc**2, 0.0))
+        line_mm = axial_mm if phase.name == "downward" else line_mm
+        points.append((time_s, arc_mm, axial_mm))
+    # rounded, as the text of the scenario has it
+    return tuple(
+        Waypoint(at_s=round(at_s, 3), arc_mm=round(arc, 3), axial_mm=round(axial - line_mm, 3))
+        for at_s, arc, axial in points
+    )
 
 
 def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[float, PhaseSetPoint]]:

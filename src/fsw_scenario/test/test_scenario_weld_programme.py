@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
 from fsw_control.ramps import stair
+from fsw_plant import PlantSchedule
 from fsw_scenario import scenario_file, timeline
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.weld_programme import PHASES, Phase, PhaseMachine, State, spans
@@ -171,3 +172,75 @@ def test_a_finished_weld_is_over():
     assert machine.progress().length_mm == 7.0 and machine.progress().time_left_s == 0.0
     for ask in (machine.hold, machine.resume, machine.abort):
         assert ask()[1].startswith("refused: the weld is done; it must be ")
+
+
+# ---------------------------------------------------------------- a phase that waits for a temperature
+
+
+HEATED = {"plant": {"process": "canister"}}
+WAITS = [{"name": "dwell", "duration_s": 5.0, "until_c": 810.0}, *WELD[1:]]
+
+
+def follow(machine, ticks, temperature_c):
+    """Whether the machine has jumped, by tick."""
+    first = machine.tick + machine.held + 1
+    return [machine.follow(number, temperature_c) for number in range(first, first + ticks)]
+
+
+def test_a_phase_ends_when_its_temperature_has_been_there_for_a_second():
+    scenario = parse(WAITS, **HEATED)
+    machine = PhaseMachine(scenario.phases)
+    assert not any(follow(machine, 10, 809.9))
+    assert not any(follow(machine, 9, 810.0))
+    assert not any(follow(machine, 1, 809.0))  # it begins anew
+    assert follow(machine, 12, 811.0) == [False] * 9 + [True, False, False]
+    assert (machine.tick, machine.held) == (52, -20)
+    assert machine.progress().phase == "start"
+    assert not any(follow(machine, 20, 811.0))  # no other phase waits
+    assert machine.progress().time_left_s == pytest.approx(scenario.duration_s - 7.2)
+
+
+@pytest.mark.parametrize("shown_c", [700.0, float("nan")])
+def test_a_phase_whose_temperature_never_comes_ends_at_its_limit(shown_c):
+    machine = PhaseMachine(parse(WAITS, **HEATED).phases)
+    assert not any(follow(machine, 60, shown_c))
+    assert (machine.tick, machine.held) == (60, 0)
+    assert machine.progress().phase == "start"
+
+
+def test_a_held_weld_does_not_jump():
+    machine = PhaseMachine(parse(WAITS, **HEATED).phases)
+    follow(machine, 3, 700.0)
+    machine.hold()
+    assert not any(follow(machine, 30, 900.0))
+    machine.resume()
+    assert follow(machine, 10, 900.0)[-1]
+
+
+@pytest.mark.parametrize(
+    ("phases", "others", "words"),
+    [
+        (WAITS, {}, "phases waits with until_c, which needs plant"),
+        (changed(1, until_c=810.0), HEATED, r"phases\[1\] has until_c; only a dwell"),
+        (changed(0, until_c=20.0), HEATED, r"phases\[0\].until_c = 20 is outside 750 to 950"),
+        (WELD, {"path": [{"at_s": 0.0, "arc_mm": 3.0}]}, "path is not that of the phases"),
+    ],
+)
+def test_a_wait_or_a_path_that_cannot_be_is_one_line(phases, others, words):
+    with pytest.raises(InputError, match=words):
+        parse(phases, **others)
+
+
+def test_the_tool_goes_from_the_lid_down_to_the_joint_line_and_up_again():
+    path = scenario_file.load("canister_weld_heat").path
+    assert path[0].axial_mm == path[2].axial_mm == pytest.approx(74.3, abs=0.1)
+    assert {point.axial_mm for point in path[3:6]} == {0.0}
+    assert path[-1].axial_mm == pytest.approx(74.8, abs=0.1)
+    assert path[4].arc_mm - path[3].arc_mm == pytest.approx(pi * 1050.0, abs=1e-3)
+
+
+def test_the_plant_reads_the_path_from_the_scenarios_text_and_the_text_can_be_read_again():
+    scenario = scenario_file.load("canister_weld_heat")
+    assert PlantSchedule.from_yaml(scenario.text).path == scenario.path
+    assert scenario_file.parse(scenario.text).path == scenario.path
+    assert PlantSchedule.from_yaml(scenario_file.load("canister_weld").text).path == ()

@@ -1,0 +1,78 @@
+"""Where the tool is on the canister: points of its path over time, and what it moves within a tick."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from fsw_model import STEP_S
+from fsw_plant.event_schema import TIME_S
+from fsw_schema.models import Model, problem
+from fsw_schema.ranges import Range
+
+
+class Waypoint(Model):
+    """A place of the tool on the canister at a time; in between it moves straight and evenly."""
+
+    at_s: Annotated[float, TIME_S]
+    arc_mm: Annotated[float, Range(0.0, 10_000.0, "mm")]
+    """travelled around the canister"""
+    axial_mm: Annotated[float, Range(-200.0, 500.0, "mm")] = 0.0
+    """above the joint line, towards the lid"""
+
+
+def check_order(path: Sequence[Waypoint]) -> None:
+    """For a validator: points must come in order of time, and the tool does not go back.
+
+    Raises
+    ------
+    pydantic_core.ValidationError
+        At the first that does.
+    """
+    for i in range(1, len(path)):
+        if path[i].at_s <= path[i - 1].at_s:
+            raise problem("is not later than the point before it", "path", i, "at_s")
+        if path[i].arc_mm < path[i - 1].arc_mm:
+            raise problem("goes back: the tool travels one way around the canister", "path", i, "arc_mm")
+
+
+class Motion(NamedTuple):
+    """Of the tool within a tick: its traverse around the canister, and its height above the joint line."""
+
+    traverse_mm_per_s: float
+    axial_mm: float
+
+
+class ToolPath:
+    """The path of the tool; before its first point and after its last it stands there.
+
+    Parameters
+    ----------
+    points : sequence of Waypoint
+    steady : Motion
+        What the tool does where there are no points.
+    """
+
+    def __init__(self, points: Sequence[Waypoint], steady: Motion) -> None:
+        self._steady = steady if not points else None
+        self._at_s = [one.at_s for one in points]
+        self._axial_mm = [one.axial_mm for one in points]
+        # one number for each part of the path: the canister computes anew for another
+        self._speeds = [(two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)]
+
+    def motion(self, time_s: float, standing: bool = False) -> Motion:
+        """Motion over the tick that begins at a time; ``standing``: held there."""
+        if self._steady is not None:
+            return Motion(0.0, self._steady.axial_mm) if standing else self._steady
+        if standing:
+            return Motion(0.0, self._height(time_s))
+        part = bisect_right(self._at_s, time_s + 0.5 * STEP_S) - 1
+        moving = 0 <= part < len(self._speeds)
+        return Motion(self._speeds[part] if moving else 0.0, self._height(time_s + STEP_S))
+
+    def _height(self, time_s: float) -> float:
+        return float(np.interp(time_s, self._at_s, self._axial_mm))

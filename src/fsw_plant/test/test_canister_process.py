@@ -1,0 +1,179 @@
+"""The process on a canister: what takes the place of (16), the tool's path, the programme, the start."""
+
+from math import exp
+
+import pytest
+
+from fsw_canister import CanisterParameters
+from fsw_control.parameters import ParameterError
+from fsw_model import ModelParameters, OperatingPointError
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.canister_process import CanisterProcess
+from fsw_plant.tool_path import Motion, ToolPath, Waypoint
+from fsw_schema.models import InputError
+
+STILL = Motion(0.0, 0.0)
+
+
+def plant_of(schedule="", **values):
+    values = {"process": "canister", "noise": False, "start.temperature_c": 800.0} | values
+    return PlantEmulator(PlantConfig.from_values(values), PlantSchedule.from_yaml(schedule) if schedule else None)
+
+
+def advance(plant, ticks):
+    for _ in range(ticks):
+        plant.measure()
+        plant.apply(plant.applied)
+        plant.step()
+
+
+@pytest.mark.parametrize(("dead_time_s", "met"), [(2.8, 28), (2.75, 27.5), (0.1, 1), (0.15, 1.5)])
+def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
+    process = CanisterProcess(ModelParameters(dead_time_s=dead_time_s), block)
+    start = process.heated(2.66, 800.0, 50.0, STILL)
+    copper = start.state.copper
+    rate = copper[-1] - copper[-2]  # of a block under constant power
+    first, second = process._met(copper)
+    assert first == pytest.approx(copper[-1] - met * rate)
+    assert second == pytest.approx(first + rate)
+
+
+def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
+    p = ModelParameters()
+    process = CanisterProcess(p, block)
+    start = process.heated(2.66, 800.0, 50.0, STILL)
+    state = start.state
+    process.step(state, start.force_kn, start.speed_rpm)
+    rate = (state.copper[-2] - state.copper[-3]) / 0.1
+    # behind a steady ramp by dead time and lag
+    shown = process.outputs(state, start.force_kn, start.speed_rpm)
+    assert shown.copper_temperature_c - shown.temperature_c == pytest.approx(
+        rate * (p.dead_time_s + p.tool_lag_s), rel=2e-3
+    )
+    tool = state.x[4]
+    state.copper.extend([tool + 10.0] * len(state.copper))  # not how it comes about, but a step for the tool
+    while len(state.copper) > process.delay_steps + 1:
+        state.copper.popleft()
+    process.step(state, start.force_kn, start.speed_rpm)
+    assert state.x[4] - tool == pytest.approx(10.0 * (1.0 - exp(-0.1 / p.tool_lag_s)), rel=1e-9)
+
+
+def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
+    plant = plant_of()
+    before = plant._state.canister.energy_kj
+    advance(plant, 100)
+    powers = plant.truth().process_power_kw
+    assert plant._state.canister.energy_kj - before == pytest.approx(10.0 * powers, rel=0.05)
+    assert plant.truth().copper_temperature_c == pytest.approx(20.0 + 0.1 * plant._state.canister.energy_kj)
+
+
+def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_the_heating_power(block):
+    plant = plant_of(**{"start.power_kw": 48.0, "start.depth_mm": 2.7})
+    truth = plant.truth()
+    assert 800.0 <= truth.temperature_c < 801.0
+    assert truth.depth_mm == pytest.approx(2.7)
+    assert truth.process_power_kw == pytest.approx(48.0)
+
+
+def test_a_start_that_cannot_be_is_one_line(block):
+    with pytest.raises(OperatingPointError, match=r"1 kW heat the canister to .* raise start.power_kw"):
+        plant_of(**{"start.power_kw": 1.0})
+    with pytest.raises(OperatingPointError, match="beyond the drives' limits"):
+        plant_of(**{"start.power_kw": 80.0})
+
+
+def test_without_a_path_the_tool_moves_evenly(block):
+    plant = plant_of(**{"tool.traverse_mm_per_min": 60.0, "tool.axial_mm": 30.0})
+    advance(plant, 3)
+    assert set(block.moved) == {(1.0, 30.0)}
+
+
+PATH = """
+path:
+  - {at_s: 0.0, arc_mm: 0.0, axial_mm: 70.0}
+  - {at_s: 1.0, arc_mm: 0.0, axial_mm: 70.0}
+  - {at_s: 2.0, arc_mm: 5.0, axial_mm: 0.0}
+events:
+  - {at_s: 1.5, disturbance: {channel: depth, shape: ramp, amplitude_mm: 0.1, duration_s: 1.0}}
+"""
+
+
+def test_the_tool_follows_the_path_and_heats_where_it_begins(block):
+    plant = plant_of(PATH)
+    assert set(block.moved) == {(0.0, 70.0)}
+    block.moved.clear()
+    advance(plant, 21)  # tick 1 is at 0.1 s
+    assert block.moved[:9] == [(0.0, 70.0)] * 9
+    assert block.moved[9:19] == [(5.0, pytest.approx(70.0 - 7.0 * i)) for i in range(1, 11)]
+    assert block.moved[19:] == [(0.0, 0.0)] * 2
+
+
+def test_a_held_programme_keeps_the_tool_and_the_events_and_a_jump_moves_them(block):
+    plant = plant_of(PATH)
+    advance(plant, 13)
+    plant.follow_programme(1.4, standing=True)
+    block.moved.clear()
+    advance(plant, 20)
+    assert {traverse for traverse, _ in block.moved} == {0.0}
+    assert plant.truth().depth_disturbance_mm == 0.0
+    plant.follow_programme(1.4, standing=False)
+    advance(plant, 3)
+    plant.measure()
+    assert block.moved[-3:] == [(5.0, pytest.approx(70.0 - 7.0 * i)) for i in (5, 6, 7)]
+    assert plant.truth().depth_disturbance_mm == pytest.approx(0.02)  # 0.2 s of the ramp
+    plant = plant_of(PATH)
+    advance(plant, 3)
+    plant.follow_programme(1.4, standing=False)
+    advance(plant, 2)
+    plant.measure()
+    assert plant.truth().depth_disturbance_mm == pytest.approx(0.01)
+
+
+def test_what_is_late_of_the_programme_is_taken_for_its_tick(block):
+    plant = plant_of(PATH)
+    advance(plant, 4)
+    plant.follow_programme(0.3, standing=False, age_ticks=2)
+    assert plant._programme_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("[{at_s: 1.0, arc_mm: 0.0}, {at_s: 1.0, arc_mm: 1.0}]", "not later than the point before"),
+        ("[{at_s: 0.0, arc_mm: 2.0}, {at_s: 1.0, arc_mm: 1.0}]", "goes back"),
+        ("[{at_s: 0.0, arc_mm: 2.0, axial_mm: 900.0}]", "axial_mm = 900 is outside"),
+    ],
+)
+def test_a_path_that_cannot_be_is_one_line(path, words):
+    with pytest.raises(InputError, match=words):
+        PlantSchedule.from_yaml(f"path: {path}")
+
+
+def test_the_path_between_and_beyond_its_points():
+    path = ToolPath([Waypoint(at_s=1.0, arc_mm=0.0), Waypoint(at_s=3.0, arc_mm=4.0, axial_mm=2.0)], STILL)
+    assert path.motion(0.0) == (0.0, 0.0)
+    assert path.motion(1.9) == (pytest.approx(2.0), pytest.approx(1.0))
+    assert path.motion(2.0, standing=True) == (0.0, pytest.approx(1.0))
+    assert path.motion(9.0) == (0.0, 2.0)
+
+
+def test_parameters_of_the_canister_are_parameters_of_the_plant():
+    config = PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 52.0}})
+    assert config.canister == CanisterParameters(wall_mm=52.0)
+    assert PlantConfig.from_values({"canister.wall_mm": 52.0}).canister is None
+    with pytest.raises(ParameterError, match=r"canister.wall_mm: -1 is outside"):
+        PlantConfig.from_values({"canister.wall_mm": -1})
+    with pytest.raises(ParameterError, match="must be less than outer_radius_mm"):
+        PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 400.0, "outer_radius_mm": 300.0}})
+    with pytest.raises(ParameterError, match=r"process: 'steel' is not one of paper, canister"):
+        PlantConfig.from_values({"process": "steel"})
+
+
+def test_a_change_of_the_dead_time_while_running_keeps_the_history(block):
+    plant = plant_of()
+    newest = list(plant._state.copper)[-5:]
+    plant.reconfigure(PlantConfig.from_values({"process": "canister", "noise": False, "model.dead_time_s": 0.5}))
+    assert list(plant._state.copper)[-5:] == newest
+    assert len(plant._state.copper) == 15
+    advance(plant, 5)
+    assert plant.stopped == ""

@@ -1,0 +1,47 @@
+"""The command of the study: welds on random canisters, the numbers of the validation, and the page of both."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from canister import report, verdict
+from canister.validation import validation
+from fsw.progress import ProgressBar
+
+_RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Weld random canisters, and write the page of results.")
+    parser.add_argument("part", choices=["weld", "validate", "page"], help="what to do")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/canister"), help="folder of the results (default %(default)s)"
+    )
+    parser.add_argument("--welds", type=int, default=1000, help="canisters to weld (default %(default)s)")
+    parser.add_argument("--share", default="0/1", metavar="I/N", help="every Nth from the Ith on, to share them out")
+    parser.add_argument(
+        "--controller", action="append", default=[], help="with these only (default: all of the campaign)"
+    )
+    parser.add_argument("--minutes", type=float, default=1e6, help="begin no more welds after so long")
+    parser.add_argument("--publish", action="store_true", help="write the page into docs/results")
+    parsed = parser.parse_args(arguments)
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    numbers = parsed.out / "validation.json"
+    if parsed.part == "weld":
+        first, every = map(int, parsed.share.split("/"))
+        welds = range(first, parsed.welds, every)
+        verdict.run(parsed.out / f"welds_{first}.jsonl", welds, parsed.minutes, parsed.controller)
+    elif parsed.part == "validate":
+        with ProgressBar("validation") as bar:
+            numbers.write_text(json.dumps(validation(bar), indent=1) + "\n", encoding="utf-8")
+    else:
+        rows = verdict.read(sorted(parsed.out.glob("*.jsonl")))
+        found = json.loads(numbers.read_text(encoding="utf-8"))
+        data = {"validation": found, "verdict": report.summary(rows)}
+        for path in report.write(data, _RESULTS if parsed.publish else parsed.out):
+            print(path)
+    return 0

@@ -1,0 +1,148 @@
+"""The results as a page and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
+
+from canister.validation import STEP_TIMES_S, THERMAL
+from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
+from fsw_model import nominal
+
+CONTROLLERS = ("nmpc:default", "nmpc:paper", "decentral:conservative", "decentral:tight")
+PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
+#: published or plain words for the columns of the page
+_FIGURES = {
+    "temperature_sigma_c": ("RMS error of the temperature [°C]", 1.0, ".2f"),
+    "temperature_peak_c": ("largest error of the temperature [°C]", 1.0, ".1f"),
+    "depth_sigma_mm": ("RMS error of the depth [µm]", 1e3, ".1f"),
+    "depth_peak_mm": ("largest error of the depth [µm]", 1e3, ".0f"),
+    "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
+    "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
+    "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
+    "slowest_s": ("time at the drives' lowest speed [% of the phase]", 100.0, ".1f"),
+}
+#: figures that are for the length of a phase; of these the mean is shown, of the others the median
+_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s", "slowest_s")
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Markdown of a table; the first row is its header."""
+    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([header, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures."""
+    found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}}
+    for controller in CONTROLLERS:
+        own = [row for row in rows if row["controller"] == controller]
+        stopped = [row for row in own if "stopped" in row]
+        indices = {row["index"] for row in own}
+        bad = {row["index"] for row in own if not row.get("good", False)}
+        found["welds"][controller] = {"welds": len(indices), "good": len(indices - bad)}
+        found["stopped"][controller] = len(stopped)
+        for phase in PHASES:
+            of_phase = [row for row in own if row["phase"] == phase]
+            if not of_phase:
+                continue
+            seconds = np.array([row["seconds"] for row in of_phase])
+            figures = {name: np.array([row[name] for row in of_phase]) for name in _FIGURES}
+            found["phases"].setdefault(phase, {})[controller] = {
+                "share_good": float(np.mean([row["good"] for row in of_phase])),
+                **{
+                    name: float(np.mean(values / seconds) if name in _PER_TIME else np.median(values))
+                    for name, values in figures.items()
+                },
+            }
+    return found
+
+
+def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
+    """Share of welds inside the limits, by phase and for the whole weld."""
+    rows = [["phase", *(f"`{one}`" for one in CONTROLLERS)]]
+    for phase, of in verdict["phases"].items():
+        rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in CONTROLLERS)])
+    welds = [verdict["welds"][c] for c in CONTROLLERS]
+    rows.append(["**all phases**", *(f"{one['good']} of {one['welds']}" for one in welds)])
+    return rows
+
+
+def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
+    """The figures of a phase."""
+    rows = [[phase.replace("_", " "), *(f"`{one}`" for one in CONTROLLERS)]]
+    of = verdict["phases"][phase]
+    for name, (words, factor, style) in _FIGURES.items():
+        rows.append([words, *(format(factor * of[c][name], style) if c in of else "-" for c in CONTROLLERS)])
+    return rows
+
+
+def identified(found: Mapping[str, Any]) -> list[list[str]]:
+    """The thermal coefficients with intervals of 95 %, beside the paper's."""
+    names = ("gain [°C/kW]", "copper's lag [s]", "tool's lag [s]", "dead time [s]")
+    rows = [["`identify` on", *names], ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)]]
+    for words, of in found.items():
+        rows.append([words, *(f"{of[name][0]:.2f} ± {1.96 * of[name][1]:.2f}" for name in THERMAL)])
+    return rows
+
+
+def responses(found: Mapping[str, Any]) -> list[list[str]]:
+    """Step responses at some times."""
+    rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
+    return rows + [[name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)] for name, of in found.items()]
+
+
+def lags(found: Mapping[str, Any]) -> list[list[str]]:
+    """Gain and lag of a single lag that fits the steps."""
+    within = next(iter(found.values()))["lags"]
+    rows = [["one lag that fits the step", *(f"first {t} s" for t in within)]]
+    return rows + [[name, *(f"{g:.1f} °C/kW, {t:.1f} s" for g, t in of["lags"].values())] for name, of in found.items()]
+
+
+def draw(data: Mapping[str, Any], path: Path) -> None:
+    """Steps, the needed power over the weld, and the verdict by phase."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 9.5), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1)
+    for name, of in data["validation"]["steps"].items():
+        top.plot(STEP_TIMES_S, list(of["rise_c"].values()), "k--" if name.startswith("paper") else "o-", label=name)
+    top.set(xscale="log", xlabel="time after the step [s]", ylabel="rise of 1 kW more [°C]")
+    top.legend(fontsize=8)
+    weld = data["validation"]["weld"]
+    middle.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
+    middle.axhline(nominal().operating_power_kw, color="grey", linestyle=":", label="paper's operating point")
+    for name, (begin, _) in weld["phases_s"].items():
+        middle.axvline(begin / 60.0, color="lightgrey")
+        if name in ("start", "joint_line", "overlap"):
+            middle.annotate(
+                name.replace("_", " "), (begin / 60.0, max(weld["minutes_kw"])), fontsize=8, rotation=90, va="top"
+            )
+    middle.set(xlabel="time of the weld [min]", ylabel="power [kW]")
+    middle.legend(fontsize=8)
+    phases, width = list(data["verdict"]["phases"]), 0.2
+    for i, controller in enumerate(CONTROLLERS):
+        of = [data["verdict"]["phases"][phase].get(controller, {}).get("share_good", 0.0) for phase in phases]
+        bottom.bar(np.arange(len(phases)) + (i - 1.5) * width, 100.0 * np.array(of), width, label=controller)
+    bottom.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
+    bottom.set(ylabel="welds inside the limits [%]", ylim=(0.0, 100.0))
+    bottom.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    figure.savefig(path, dpi=110)
+
+
+def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
+    """The page with its figure."""
+    page, figure = folder / "canister.md", folder / "canister.png"
+    draw(data, figure)
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
+    limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
+    functions = [table, shares, figures, identified, responses, lags]
+    text = environment.get_template("canister.md.j2").render(
+        **data, limits=limits, **{one.__name__: one for one in functions}
+    )
+    page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    return [page, figure]

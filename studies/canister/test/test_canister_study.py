@@ -1,0 +1,93 @@
+"""The study of canisters: figures of phases, their summary, the single lag, the page."""
+
+import json
+
+import numpy as np
+import pytest
+from canister import report, validation, verdict
+
+from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+
+SHORT = """
+name: short
+controller: decentral
+plant: {noise: false}
+phases:
+  - {name: dwell, duration_s: 5.0}
+  - {name: start, to_deg: 1.0, set_points: [{temperature_c: 826.4}]}
+"""
+
+
+@pytest.fixture(scope="module")
+def rows():
+    scenario = scenario_file.parse(SHORT)
+    signals = ClosedLoop(scenario, {"decentral": make("decentral")}).run()
+    return list(verdict.phase_rows(scenario, signals))
+
+
+def test_a_phase_at_rest_has_no_errors_and_one_with_a_step_has_its_size(rows):
+    dwell, start = rows
+    assert [dwell["phase"], start["phase"]] == ["dwell", "start"]
+    assert dwell["seconds"] == pytest.approx(4.9)  # the first tick is at 0.1 s
+    assert dwell["temperature_peak_c"] < 1e-3 and dwell["good"]
+    assert start["temperature_peak_c"] == pytest.approx(10.0, abs=0.01)
+    assert start["moved_rpm"] > 10.0 * dwell["moved_rpm"] + 1.0
+    assert dwell["power_kw"] == pytest.approx(43.6, abs=0.01)
+
+
+def test_what_is_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
+    scenario = scenario_file.parse(SHORT)
+    signals = ClosedLoop(scenario, {"decentral": make("decentral")}).run()
+    monkeypatch.setattr(verdict, "TEMPERATURE_C", 0.5)
+    dwell, start = verdict.phase_rows(scenario, signals)
+    assert dwell["good"] and not start["good"]
+    assert start["outside_s"] > verdict.AT_MOST_S
+
+
+def made(index, controller, good, phase="joint_line"):
+    figures = dict.fromkeys(report._FIGURES, 6.0)
+    return {"index": index, "controller": controller, "phase": phase, "seconds": 60.0, "good": good, **figures}
+
+
+def test_the_summary_counts_welds_that_are_good_in_all_phases_and_those_that_stopped():
+    rows = [made(0, "nmpc:default", True), made(0, "nmpc:default", False, "parking"), made(1, "nmpc:default", True)]
+    rows.append({"index": 2, "controller": "nmpc:default", "phase": "", "stopped": "out of the copper"})
+    found = report.summary(rows)
+    assert found["welds"]["nmpc:default"] == {"welds": 3, "good": 1}
+    assert found["stopped"]["nmpc:default"] == 1
+    assert found["phases"]["joint_line"]["nmpc:default"]["share_good"] == 1.0
+    assert found["phases"]["parking"]["nmpc:default"]["share_good"] == 0.0
+    assert found["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(0.1)  # per second
+
+
+def test_a_single_lag_is_found_again():
+    time_s = 0.1 * np.arange(1, 3001)
+    assert validation.one_lag(18.1 * (1.0 - np.exp(-time_s / 30.5)), 120.0) == pytest.approx((18.1, 30.5))
+
+
+def test_an_experiment_begins_after_the_welding_before_it():
+    scenario = validation.experiment(0.0, 100.0)
+    assert scenario.duration_s == 400.0
+    assert [event.at_s for event in scenario.events[:2]] == [0.0, 105.0]
+    assert scenario.path[1].arc_mm == pytest.approx(400.0 * 86.0 / 60.0, abs=0.01)
+
+
+def test_the_page_is_written(tmp_path):
+    lags = {"rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0), "lags": {"60": (18.1, 30.5)}}
+    weld = {
+        "minutes_kw": [50.0] * 45,
+        "minutes_rpm": [450.0] * 45,
+        "phases_kw": {"start": 43.0, "joint_line": 50.0},
+        "phases_s": {"start": [0.0, 60.0], "joint_line": [60.0, 2700.0]},
+    }
+    known = {"lid, early": {name: (1.0, 0.1) for name in validation.THERMAL}}
+    rows = [made(0, controller, True) for controller in report.CONTROLLERS]
+    data = {
+        "validation": {"steps": {"paper (16)": lags}, "identified": known, "weld": weld},
+        "verdict": report.summary(json.loads(json.dumps(rows))),
+    }
+    page, figure = report.write(data, tmp_path)
+    assert "| **all phases** | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in page.read_text()
+    assert figure.stat().st_size > 10_000

@@ -1,0 +1,97 @@
+"""The four controllers on canisters that none of them knows: figures of each phase of each weld, as lines of JSON."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_campaign.definition import Campaign, Entrant, load
+from fsw_control import weld
+from fsw_control.weld import TICK_S
+from fsw_model import OperatingPointError
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.weld_programme import spans
+
+Row = dict[str, Any]
+#: within which a phase must stay, but for some seconds: the process window, and errors (chosen)
+WINDOW_C, DEPTH_MM, TEMPERATURE_C, AT_MOST_S = (790.0, 910.0), 0.1, 10.0, 5.0
+#: how near the end of its range a drive counts as saturated
+_NEAR_KN, _NEAR_RPM = 0.05, 0.3
+
+
+def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
+    """Figures of each phase, from the truth."""
+    truth = signals.truth
+    assert truth is not None
+    wrong_c = truth.temperature_c - signals.reference_temperature_c
+    wrong_mm = truth.depth_mm - signals.reference_depth_mm
+    low_c, high_c = WINDOW_C
+    outside = (np.abs(wrong_mm) > DEPTH_MM) | (np.abs(wrong_c) > TEMPERATURE_C)
+    outside |= (truth.temperature_c < low_c) | (truth.temperature_c > high_c)
+    slow, fast = signals.speed_rpm < weld.SPEED_MIN_RPM + _NEAR_RPM, signals.speed_rpm > weld.SPEED_MAX_RPM - _NEAR_RPM
+    pushed = (signals.force_kn < weld.FORCE_MIN_KN + _NEAR_KN) | (signals.force_kn > weld.FORCE_MAX_KN - _NEAR_KN)
+    time_s = np.arange(1, signals.n_ticks + 1) * TICK_S
+    for phase, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S):
+        inside = (time_s > begin_s - 1e-6) & (time_s < end_s - 1e-6)  # a set-point at a boundary is of the later one
+        if not inside.any():
+            continue
+        outside_s = float(outside[inside].sum() * TICK_S)
+        yield {
+            "phase": phase,
+            "seconds": float(inside.sum() * TICK_S),
+            "temperature_sigma_c": float(np.sqrt(np.mean(wrong_c[inside] ** 2))),
+            "temperature_peak_c": float(np.abs(wrong_c[inside]).max()),
+            "depth_sigma_mm": float(np.sqrt(np.mean(wrong_mm[inside] ** 2))),
+            "depth_peak_mm": float(np.abs(wrong_mm[inside]).max()),
+            "iae_temperature_c_s": float(np.abs(wrong_c[inside]).sum() * TICK_S),
+            "iae_depth_mm_s": float(np.abs(wrong_mm[inside]).sum() * TICK_S),
+            "moved_kn": float(np.abs(np.diff(signals.force_kn[inside])).sum()),
+            "moved_rpm": float(np.abs(np.diff(signals.speed_rpm[inside])).sum()),
+            "fastest_s": float(fast[inside].sum() * TICK_S),
+            "slowest_s": float(slow[inside].sum() * TICK_S),
+            "force_bound_s": float(pushed[inside].sum() * TICK_S),
+            "power_kw": float(truth.process_power_kw[inside].mean()),
+            "outside_s": outside_s,
+            "good": outside_s <= AT_MOST_S,
+        }
+
+
+def run_weld(campaign: Campaign, index: int, entrant: Entrant) -> list[Row]:
+    """The rows of a weld; one with ``stopped`` where it could not be welded to its end."""
+    scenario = campaign.weld(campaign.parameters(index), entrant)
+    who = {"index": index, "controller": entrant.label}
+    try:
+        loop = ClosedLoop(scenario, campaign.controllers(scenario, entrant))
+    except OperatingPointError as error:
+        return [who | {"phase": "", "stopped": str(error)}]
+    signals = loop.run()
+    if loop.plant.stopped:
+        return [who | {"phase": "", "stopped": loop.plant.stopped}]
+    return [who | row for row in phase_rows(scenario, signals)]
+
+
+def run(file: Path, welds: Sequence[int], minutes: float, controllers: Sequence[str] = ()) -> None:
+    """Add the missing welds to a file of rows, canister by canister, for so long."""
+    campaign, until_s = load("canisters"), time.monotonic() + 60.0 * minutes
+    done = {(row["index"], row["controller"]) for row in read([file])} if file.exists() else set()
+    for index in welds:
+        for entrant in campaign.entrants:
+            if (index, entrant.label) in done or (controllers and entrant.label not in controllers):
+                continue
+            if time.monotonic() > until_s:
+                return
+            rows = run_weld(campaign, index, entrant)
+            with file.open("a", encoding="utf-8") as out:
+                out.writelines(json.dumps(row) + "\n" for row in rows)
+
+
+def read(files: Sequence[Path]) -> list[Row]:
+    """The rows of files."""
+    return [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
