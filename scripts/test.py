@@ -21,10 +21,11 @@ from _bootstrap import WORKSPACE, ensure
 
 OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for two. The tests of a file stay together: they
-#: share fixtures, and those of a launch file come one after the other.
-PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "loadfile"]
+#: share fixtures, and those of a launch file come one after the other. Files come in the order of ``testpaths``.
+BY_FILE = ["--dist", "loadfile", "--no-loadscope-reorder"]
+PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), *BY_FILE]
 #: Graphs against the clock: after all others, one for each core.
-REAL_TIME = ["-n", str(min(4, os.cpu_count() or 1)), "--dist", "loadfile"]
+REAL_TIME = ["-n", str(min(4, os.cpu_count() or 1)), *BY_FILE]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
 OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this

@@ -24,8 +24,11 @@ NODES = ("recorder", "plant", "decentral", "supervisor")
 
 @pytest.mark.parametrize(
     "signs",
-    [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)],
-    ids=["Ctrl-C", "SIGTERM", "Ctrl-C from terminal and launch"],
+    [
+        pytest.param((signal.SIGINT,), id="Ctrl-C", marks=pytest.mark.full),
+        pytest.param((signal.SIGTERM,), id="SIGTERM", marks=pytest.mark.full),
+        pytest.param((signal.SIGINT, signal.SIGINT), id="Ctrl-C from terminal and launch"),
+    ],
 )
 def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     scenario = load("reference_tracking")
@@ -76,7 +79,9 @@ def processes_with(text):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
-@pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)])
+@pytest.mark.parametrize(
+    ("sign", "code"), [pytest.param(signal.SIGTERM, 130, marks=pytest.mark.full), (signal.SIGKILL, -signal.SIGKILL)]
+)
 def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "fsw.demo", "--controller", "decentral", "--out", str(out)]

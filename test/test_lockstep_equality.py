@@ -88,7 +88,10 @@ HEAT = """
 name: short_weld_in_heat
 controller: decentral
 announced: true
-plant: {process: canister, start: {temperature_c: 795.0}, canister: {lid_mm: 0.0, element_mm: 12.5, modes: 53}}
+plant:
+  process: canister
+  start: {temperature_c: 795.0}
+  canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
 phases:
   - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4}]}
   - {name: start, to_deg: 1.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
@@ -112,7 +115,15 @@ TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm
 
 
 @pytest.mark.parametrize(
-    "text", [CLOSED, OPEN, FALLBACK, ALONE, WELD, HEAT], ids=["closed", "open", "fallback", "alone", "weld", "heat"]
+    "text",
+    [
+        pytest.param(CLOSED, id="closed"),
+        pytest.param(OPEN, id="open", marks=pytest.mark.full),
+        pytest.param(FALLBACK, id="fallback"),
+        pytest.param(ALONE, id="alone", marks=pytest.mark.full),
+        pytest.param(WELD, id="weld", marks=pytest.mark.full),
+        pytest.param(HEAT, id="heat"),
+    ],
 )
 def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # of reduced canisters

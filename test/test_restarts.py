@@ -140,6 +140,7 @@ def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_
 
 
 @pytest.mark.requirement("S21")
+@pytest.mark.full
 def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
     """Without a standby: the sender of the set-point has left, only the controllers know it."""
     weld = make_weld(standby=False)

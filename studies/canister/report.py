@@ -130,7 +130,7 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         bottom.bar(np.arange(len(phases)) + (i - 1.5) * width, 100.0 * np.array(of), width, label=controller)
     bottom.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
     bottom.set(ylabel="welds inside the limits [%]", ylim=(0.0, 100.0))
-    bottom.legend(fontsize=8)
+    bottom.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.savefig(path, dpi=110)
 
 

@@ -14,6 +14,7 @@ from fsw_control.weld import TICK_S
 from fsw_identification.estimation import identify
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
+from fsw_plant import PlantConfig
 from fsw_plant.canister_process import reduced
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
@@ -93,7 +94,9 @@ def steps() -> dict[str, dict[str, Any]]:
     p = nominal()
     time_s = TICK_S * np.arange(1, round(_LONGEST_S / TICK_S) + 1)
     courses = {"paper (16)": p.thermal_gain_c_per_kw * (1.0 - np.exp(-time_s / p.copper_lag_s))}
-    shapes = {"": CanisterParameters(lid_mm=0.0), ", with the lid's plate": CanisterParameters()}
+    own = PlantConfig.from_values(scenario_file.load(_TRAVERSED).plant).canister
+    assert own is not None
+    shapes = {"": own, ", default canister": CanisterParameters()}
     for words, parameters in shapes.items():
         courses |= {f"{place}{words}": step_response(reduced(parameters), z) for place, z in PLACES.items()}
     return {

@@ -48,8 +48,10 @@ def test_the_plant_is_killed_and_started_again(weld, table):
 
 
 @pytest.mark.requirement("S8")
-@pytest.mark.parametrize("sensor", ["depth", "torque", "thermocouple"])
-@pytest.mark.parametrize("kind", ["nan", "dropout", "freeze", "spike", "delay", "duplicate"])
+@pytest.mark.parametrize("sensor", ["depth", pytest.param("torque", marks=pytest.mark.full), "thermocouple"])
+@pytest.mark.parametrize(
+    "kind", ["nan", "dropout", "freeze", "spike", "delay", pytest.param("duplicate", marks=pytest.mark.full)]
+)
 def test_a_sensor_fails(steps, table, sensor, kind):
     first = steps.restore()
     magnitude = {"spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 40.0}[sensor], "delay": 0.3}.get(kind, 0.0)

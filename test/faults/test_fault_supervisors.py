@@ -12,6 +12,12 @@ from fsw_control.contract import Command
 from fsw_msgs.msg import WeldCommand
 
 
+def of_writers(weld, first):
+    """Levels of what supervisor and plant have said of who sends commands, from report number ``first`` on."""
+    names = ("fsw_supervisor: command topic", "fsw_plant: commands")
+    return [status.level for array in weld.reports[first:] for status in array.status if status.name in names]
+
+
 @pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     first = weld.restore()
@@ -19,15 +25,7 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     weld.until(lambda: foreign.get_subscription_count() >= 4)
     reports = len(weld.reports)
     foreign.publish(convert.command_message(Command(61.0, 310.0), 1, "foreign"))
-
-    def reported():
-        return any(
-            status.name == "fsw_supervisor: command topic" and status.level == b"\x02"
-            for array in weld.reports[reports:]
-            for status in array.status
-        )
-
-    weld.until(reported, what="the error on /diagnostics")
+    weld.until(lambda: b"\x02" in of_writers(weld, reports), what="the error on /diagnostics")
     weld.ticks(5)
     weld.node.destroy_publisher(foreign)
     outcome = weld.outcome(first)
@@ -47,7 +45,10 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
     weld.restore()
-    told = len(weld.states)
+    weld.until(
+        lambda: of_writers(weld, -10) and b"\x02" not in of_writers(weld, -10), what="no foreign writer any more"
+    )
+    told, reports = len(weld.states), len(weld.reports)
     first = weld.switch("nmpc")
     weld.ticks(5)
     silent = weld.leader
@@ -65,6 +66,7 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     outcome.assert_sources("nmpc")
     assert weld.roles(other) == [*roles, "active"], "it still leads"
     assert any(state.requested_by == "takeover" for state in weld.states[told:])
+    assert b"\x02" not in of_writers(weld, reports), "a takeover is no foreign writer"
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     reaction = "takes over in the second, under the same controller"
     table.add(f"leading supervisor {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)

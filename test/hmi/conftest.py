@@ -12,7 +12,7 @@ from fsw_test_support.uplot import uplot
 __all__ = ["uplot"]
 
 #: for conditions that come at once on an idle machine
-PATIENCE_MS = 45_000
+PATIENCE_MS = 150_000
 expect.set_options(timeout=PATIENCE_MS)
 
 
@@ -34,9 +34,9 @@ def browser():
 
 
 def _patient(route):
-    """Serve the script with a minute in place of a second: on a busy machine a page may stand still for some time."""
+    """Serve the script with ten minutes in place of a second: on a busy machine a page may stand still."""
     response = route.fetch()
-    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "60_000", response.text())
+    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "600_000", response.text())
     assert count == 2
     route.fulfill(response=response, body=text)
 
@@ -45,7 +45,7 @@ def _patient(route):
 def open_page(browser):
     """Function that opens an address at a size; errors of the page's scripts and policies fail the test.
 
-    A ``patient`` page takes itself for disconnected after a minute of silence, not within a second.
+    A ``patient`` page takes itself for disconnected after ten minutes of silence, not within a second.
     """
     errors, contexts = [], []
 

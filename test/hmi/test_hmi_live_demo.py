@@ -68,10 +68,13 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
     wait_until(lambda: not processes(tmp_path), "the end of all processes")
 
 
-def test_interrupt_ends_everything(demo, tmp_path):
-    child, url, _ = demo(LONG)
+def test_token_is_kept_from_others_and_an_interrupt_ends_everything(demo, tmp_path):
+    child, url, token = demo(LONG)
     with Page(url) as page:
         page.until("tick")
+        file = tmp_path / "weld" / "token"
+        assert file.stat().st_mode & 0o077 == 0
+        assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))
         child.process.send_signal(signal.SIGINT)
         wait_until(lambda: not child.running, "the end of the demonstration")
     assert child.process.returncode == 130
@@ -124,10 +127,3 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         child.process.send_signal(signal.SIGINT)
         wait_until(lambda: not child.running, "the end of the demonstration")
     assert child.process.returncode == 130
-
-
-def test_token_is_kept_from_others(demo, tmp_path):
-    _, _, token = demo(LONG)
-    file = tmp_path / "weld" / "token"
-    assert file.stat().st_mode & 0o077 == 0
-    assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))

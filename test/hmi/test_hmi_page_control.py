@@ -1,5 +1,7 @@
 """Login, roles and control in a browser: what several people see of each other."""
 
+import time
+
 import pytest
 from playwright.sync_api import expect
 
@@ -146,12 +148,13 @@ def test_idle_page_says_so_stops_and_wants_a_login_again(fake, person):
 
 
 def test_touched_page_tells_the_server_now_and_then(fake, person):
+    begin_s = time.monotonic()
     page = person(fake, "otto")
     for step in range(20):
         page.mouse.move(10 * step, 10)
     press(page, "Take control")
     says(page, "otto (you) has control.")
-    assert fake.touches == 1
+    assert 1 <= fake.touches <= 1 + (time.monotonic() - begin_s) / 20.0  # once in 20 s
 
 
 def test_name_that_may_be_confused_is_not_sent(fake, open_page):

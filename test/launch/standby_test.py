@@ -16,6 +16,8 @@ from weld_under_test import Observer, WeldUnderTest, exit_codes, kill, post_shut
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand
 
+# In lockstep and with faults: test/faults.
+pytestmark = pytest.mark.full
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
 TICKS = 20
 #: by node: a text in the command line of its process, and, where another has it as well, one that is not there

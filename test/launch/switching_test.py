@@ -18,6 +18,8 @@ from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand
 from fsw_msgs.srv import SwitchController
 
+# In lockstep and with faults: test/faults.
+pytestmark = pytest.mark.full
 WELD = WeldUnderTest("{name: switching, duration_s: 600.0}", ("decentral", "nmpc"))
 MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
 

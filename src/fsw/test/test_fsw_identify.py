@@ -101,6 +101,7 @@ def test_bad_designs(arguments: tuple[str, ...], words: str, capsys: pytest.Capt
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     propose = identification_design.propose
     monkeypatch.setattr(

@@ -37,7 +37,7 @@ class Kirchhoff:
     Attributes
     ----------
     grid_c, theta_k, heat_j_per_m3 : arrays
-        Temperature, theta and the heat stored in a volume since ambient.
+        Temperature, theta, and the heat stored in a volume since ambient, with c(T).
     """
 
     def __init__(self, parameters: CanisterParameters) -> None:
@@ -46,11 +46,11 @@ class Kirchhoff:
         self.ambient_c = p.ambient_c
         self.grid_c = np.sort(np.append(_GRID_C, p.ambient_c))
         relative_k = conductivity(self.grid_c) / conductivity(p.reference_c)
-        relative_c = heat_capacity(self.grid_c) / heat_capacity(p.reference_c)
+        reference_c = heat_capacity(p.reference_c)
         if self.linear:
-            relative_k, relative_c = np.ones_like(relative_k), np.ones_like(relative_c)
+            relative_k = np.ones_like(relative_k)
         self.theta_k = self._integral(relative_k)
-        self.heat_j_per_m3 = p.heat_capacity_j_per_m3_k * self._integral(relative_c)
+        self.heat_j_per_m3 = p.heat_capacity_j_per_m3_k * self._integral(heat_capacity(self.grid_c) / reference_c)
 
     def _integral(self, values: Array) -> Array:
         steps = 0.5 * (values[1:] + values[:-1]) * np.diff(self.grid_c)
@@ -60,6 +60,10 @@ class Kirchhoff:
     def theta(self, temperature_c: ArrayLike) -> Array:
         """Theta [K] of temperatures."""
         return np.asarray(np.interp(np.asarray(temperature_c), self.grid_c, self.theta_k))
+
+    def heat(self, temperature_c: ArrayLike) -> Array:
+        """Heat stored in a volume since ambient [J/m3], with c(T)."""
+        return np.asarray(np.interp(np.asarray(temperature_c), self.grid_c, self.heat_j_per_m3))
 
     def temperature_c(self, theta_k: ArrayLike) -> Array:
         """Temperatures of theta."""

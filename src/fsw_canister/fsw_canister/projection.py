@@ -26,10 +26,12 @@ _TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "should
 #: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left out
 _SHIFTS_PER_S = (1e-4, 4e-4, 1.6e-3, 6.4e-3, 0.0256, 0.1, 0.4, 1.6, 6.4)
 _SLOWER = 0.1
-#: distance of the tool's tabulated positions, and how many of them are one apart for the responses
-_SPACING_MM, _EVERY = 5.0, 3
-#: Hankel singular value of a direction that is left out, at this power [K]
-_TOLERANCE_K, _POWER_W = 0.008, 50e3
+#: modes that decay faster than this answer at once in what their basis leaves out [1/s]
+_FAST_PER_S = 0.1
+#: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for the responses
+_POSITIONS, _EVERY = 3, 2
+#: power of the tolerance
+_POWER_W = 50e3
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,9 @@ class Projection:
         Mean of the basis vectors where heat is made and where the temperature is taken, per axial position.
     ones, surface_ones, clamp_ones : (n,) arrays
         Integrals of the basis vectors over the copper and its surfaces; 0 but for mode 0.
+    rest_k_per_w : (2, positions) array
+        What the bases leave out at the rim, of fast modes at rest and at a typical k, of probe and shoulder.
+    typical_k : float
     axial_mm : (positions,) array
     """
 
@@ -61,6 +66,8 @@ class Projection:
     ones: Array
     surface_ones: Array
     clamp_ones: Array
+    rest_k_per_w: Array
+    typical_k: float
     axial_mm: Array
 
 
@@ -85,10 +92,12 @@ def project(parameters: CanisterParameters, progress: Progress | None = None) ->
 def _project(elements: Elements, progress: Progress | None) -> Projection:
     parameters = elements.parameters
     low, high = parameters.lowest_mm, parameters.highest_mm
-    axial_mm = np.linspace(low, high, max(4, round((high - low) / _SPACING_MM) + 1))
+    count = max(4, round(_POSITIONS * (high - low) / parameters.probe_radius_mm) + 1)
+    axial_mm = np.linspace(low, high, count)
     count = parameters.modes + 1
     clouds = (elements.probe, elements.shoulder, elements.rim)
     tables = [np.array([elements.functional(cloud(1e-3 * a), count) for a in axial_mm]) for cloud in clouds]
+    left_out = np.zeros((2, len(axial_mm)))
     parts: dict[str, list[Array]] = {name: [] for name in ("vectors", "conduction", "surface", "clamp", "functionals")}
     for mode in range(count):
         loads = np.concatenate([table[:, mode] for table in tables])
@@ -99,6 +108,8 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
         for name, matrix in zip(("conduction", "surface", "clamp"), matrices, strict=True):
             parts[name].append(basis.T @ (matrix @ basis))
         parts["functionals"].append(loads @ basis)
+        if _own_decay_per_s(mode, elements.outer_m) > _FAST_PER_S:
+            left_out += _left_out(_typical_matrix(elements, stiffness), loads.reshape(3, len(axial_mm), -1), basis)
         if progress:
             progress((mode + 1) / count, f"mode {mode} of {count - 1}")
     widths = [basis.shape[1] for basis in parts["vectors"]]
@@ -122,8 +133,35 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
         np.concatenate([whole[0], rest]),
         np.concatenate([whole[1], rest]),
         np.concatenate([whole[2], rest]),
+        left_out,
+        _TYPICAL["k"],
         axial_mm,
     )
+
+
+def _typical_matrix(elements: Elements, stiffness: Any) -> Any:
+    """Conduction and losses of a mode for typical copper."""
+    losses = _TYPICAL["surface"] * elements.surface + _TYPICAL["clamp"] * elements.clamp
+    return (_TYPICAL["k"] * stiffness + losses).tocsc()
+
+
+def _own_decay_per_s(mode: int, radius_m: float) -> float:
+    """How fast a mode decays at least, by conduction around the canister."""
+    return float(_TYPICAL["k"] / _TYPICAL["rho_c"] * (mode / radius_m) ** 2)
+
+
+def _left_out(matrix: Any, loads: Array, basis: Array) -> Array:
+    """Temperature at the rim, for 1 W of probe and shoulder at rest, that is not in a mode's basis, (2, positions)."""
+    *sources, rim = loads
+    exact = _factors(matrix).solve(rim.T).T
+    kept = np.linalg.solve(basis.T @ (matrix @ basis), (rim @ basis).T).T @ basis.T
+    return np.array([((exact - kept) * source).sum(axis=1) / pi for source in sources])
+
+
+def _factors(matrix: Any) -> Any:
+    from scipy.sparse.linalg import splu
+
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
 
 
 def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array:
@@ -133,7 +171,7 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
     outputs the two Gramians are one matrix: its eigenvectors balance the system, and truncation keeps it symmetric.
     """
     mass, rho_c = elements.mass, _TYPICAL["rho_c"]
-    matrix = _TYPICAL["k"] * stiffness + _TYPICAL["surface"] * elements.surface + _TYPICAL["clamp"] * elements.clamp
+    matrix = _typical_matrix(elements, stiffness)
     probe, shoulder, rim = loads
     ends = np.stack([probe + _TYPICAL["shoulder"] * (shoulder - probe), rim])
     responses = _responses(matrix, rho_c * mass, ends[:, ::_EVERY].reshape(-1, elements.size).T, mode, elements.outer_m)
@@ -148,7 +186,7 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
     decay = np.maximum(decay, _SHIFTS_PER_S[0])
     scale = _POWER_W / (2.0 * pi * rho_c) * (1.0 if mode == 0 else 2.0)
     values, balanced = np.linalg.eigh(scale * (inputs.T @ inputs) / (decay[:, None] + decay))
-    kept = vectors @ balanced[:, values > _TOLERANCE_K]
+    kept = vectors @ balanced[:, values > elements.parameters.tolerance_k]
     if mode == 0:
         kept, _ = np.linalg.qr(np.concatenate([np.eye(len(kept), 1), kept], axis=1))
     return np.asarray(responses @ kept)
@@ -156,15 +194,9 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
 
 def _responses(matrix: Any, capacity: Any, loads: Array, mode: int, radius_m: float) -> Array:
     """Responses to loads at several time scales, and at rest but for mode 0, whose rest losses alone decide."""
-    from scipy.sparse.linalg import splu
-
-    own = _TYPICAL["k"] / _TYPICAL["rho_c"] * (mode / radius_m) ** 2
-    shifts = [s for s in _SHIFTS_PER_S if s > _SLOWER * own]
-    found = []
-    for shift in [0.0, *shifts] if mode else shifts:
-        shifted = (matrix + shift * capacity).tocsc()
-        found.append(splu(shifted, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(loads))
-    return np.concatenate(found, axis=1)
+    shifts = [s for s in _SHIFTS_PER_S if s > _SLOWER * _own_decay_per_s(mode, radius_m)]
+    shifts = [0.0, *shifts] if mode else shifts
+    return np.concatenate([_factors((matrix + s * capacity).tocsc()).solve(loads) for s in shifts], axis=1)
 
 
 def _orthonormal(vectors: Array, mass: Any) -> Array:

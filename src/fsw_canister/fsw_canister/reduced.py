@@ -55,11 +55,14 @@ class CanisterState:
         Amplitudes of theta (``copper.py``) in the eigenvectors.
     angle_rad, axial_mm : float
         Place of the tool: around the canister from its start, and above the joint line.
+    power_kw : float
+        Power of the last step.
     """
 
     modes: Complex
     angle_rad: float = 0.0
     axial_mm: float = 0.0
+    power_kw: float = 0.0
 
     def copy(self) -> CanisterState:
         """Independent copy."""
@@ -110,11 +113,13 @@ class ReducedCanister:
         self._source = source * (1e3 * (1.0 - p.tool_share) / (2.0 * pi * p.heat_capacity_j_per_m3_k))
         twice = np.where(q.mode == 0, 1.0, 2.0)
         self._rim = turned(q.rim) * twice
+        rest = (1.0 - p.shoulder_share) * q.rest_k_per_w[0] + p.shoulder_share * q.rest_k_per_w[1]
+        self._rest = rest * (1e3 * (1.0 - p.tool_share) * float(q.typical_k) / p.conductivity_w_per_m_k)
         self._vectors = turned(q.vectors)
         self._ones = turned(q.ones)
         self._loss = p.surface_w_per_m2_k * turned(q.surface_ones) + p.clamp_w_per_m2_k * turned(q.clamp_ones)
         self._elements: Elements | None = None
-        self._table = (float("nan"), np.zeros(0), np.zeros(0))
+        self._table = (float("nan"), (np.zeros(0), np.zeros(0), 0.0))
         self._turned: tuple[float, Complex] = (float("nan"), np.zeros(0, complex))
         self._response: tuple[tuple[float, float], Array, Complex] = ((-1.0, 0.0), np.zeros(0), np.zeros(0, complex))
 
@@ -169,7 +174,7 @@ class ReducedCanister:
             )
         if not 0.0 < dt_s < 1e6:
             raise InputError(f"canister: step of {dt_s} s; must be above 0")
-        source, _ = self._at(axial_mm)
+        source, _, _ = self._at(axial_mm)
         decay, response = self._over(traverse_mm_per_s, dt_s)
         driven = np.conj(self._phase(state.angle_rad))
         driven *= response
@@ -177,7 +182,7 @@ class ReducedCanister:
         driven *= power_kw
         driven += decay * state.modes
         turned = traverse_mm_per_s * dt_s / self._radius_mm
-        return CanisterState(driven, state.angle_rad + turned, axial_mm)
+        return CanisterState(driven, state.angle_rad + turned, axial_mm, power_kw)
 
     def _phase(self, angle_rad: float) -> Complex:
         """Phase of the tool in each state's mode."""
@@ -185,8 +190,8 @@ class ReducedCanister:
             self._turned = (angle_rad, np.exp((1j * angle_rad) * self._modes)[self._mode])
         return self._turned[1]
 
-    def _at(self, axial_mm: float) -> tuple[Array, Array]:
-        """Source and rim for a position, by cubics through the table."""
+    def _at(self, axial_mm: float) -> tuple[Array, Array, float]:
+        """Source, rim and what is left out there for a position, by cubics through the table."""
         if axial_mm != self._table[0]:
             self._checked(axial_mm)
             grid = self._axial_mm
@@ -201,8 +206,10 @@ class ReducedCanister:
                     x * (x - 1) * (x - 2) / 6,
                 ]
             )
-            self._table = (axial_mm, weights @ self._source[first : first + 4], weights @ self._rim[first : first + 4])
-        return self._table[1], self._table[2]
+            near = slice(first, first + 4)
+            rest = float(weights @ self._rest[near])
+            self._table = (axial_mm, (weights @ self._source[near], weights @ self._rim[near], rest))
+        return self._table[1]
 
     def _over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Complex]:
         """Decay over a step and response to a load that turns meanwhile."""
@@ -217,8 +224,8 @@ class ReducedCanister:
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
         """Mean temperature at the probe's rim; it takes the place of the copper's temperature of (16)."""
-        _, rim = self._at(state.axial_mm)
-        theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real
+        _, rim, rest = self._at(state.axial_mm)
+        theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
         return float(self.copper.temperature_c(theta))
 
     def temperature_c(

@@ -6,6 +6,7 @@ type Plot = import("uplot");
 
 type Level = "" | "good" | "attention" | "low" | "medium" | "high";
 type Value = number | null;
+type Maybe = Value | undefined;
 type Pair = [Value, Value];
 /** Values at one time, by column. */
 type Values = Record<string, Value | undefined>;
@@ -162,6 +163,18 @@ interface Verdict {
   text: string;
   detail?: string;
 }
+/** What the verdict is made of. */
+interface Now {
+  state: State;
+  alarms: Alarm[];
+  values: Values;
+  limits: Limits;
+  tickAgeS: Value;
+}
+interface Note {
+  level: string;
+  text: string;
+}
 interface Judgement {
   level: "medium" | "high" | null;
   text: string;
@@ -176,7 +189,7 @@ interface Form {
   fields?: { root: HTMLElement }[];
   summary?: () => string;
   confirm: string;
-  run: () => Answer | Promise<Answer>;
+  run: () => Promise<Answer | void>;
   /** Called when the form is gone, whatever became of it. */
   closed?: () => void;
 }
@@ -214,7 +227,9 @@ interface Chart {
 interface Drawing {
   lines(key: string): Line[];
   label(timeS: number): string;
-  splits(min: number, max: number): number[];
+  /** where the axis is labelled, or steps of which one is taken */
+  splits?(min: number, max: number): number[];
+  incrs?: number[];
   zoom?(range: [number, number]): void;
   overlay(uplot: Plot, key: string): void;
 }

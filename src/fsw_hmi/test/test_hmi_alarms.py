@@ -77,6 +77,7 @@ def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_
     desk.update(4.0, a=HIGH)
     row = desk.row("a")
     assert (row["state"], row["raised_s"], row["count"]) == ("active", WALL_S + 4.0, 2)
+    assert row["first_s"] == WALL_S + 1.0
     desk.update(5.0)
     desk.update(6.0)
     assert desk.acknowledge("a", "unknown") == 1

@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -38,7 +39,8 @@ def make_npm(tmp_path, monkeypatch):
 
 
 def served(name):
-    return asyncio.run(asyncio.wait_for(Uplot().file(name), 60.0))
+    with ThreadPoolExecutor() as thread:  # where no loop of another test's browser runs
+        return thread.submit(asyncio.run, asyncio.wait_for(Uplot().file(name), 60.0)).result()
 
 
 def test_packages_are_installed_once(make_npm, capsys):

@@ -8,14 +8,11 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Attachment
 
 from fsw_recorder.bag_metadata import BagMetadata, read_metadata
-from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
-from fsw_recorder.interface_text import interface_definition
 from fsw_recorder.mcap_file import McapFile
 from fsw_recorder.rosbags_file import RosbagsFile
 from fsw_recorder.topic import BagRecord, RecordedTopic
@@ -85,8 +82,6 @@ class BagReader:
         self.path = Path(path)
         self.problems: list[str] = []
         self.metadata = BagMetadata()
-        self._definitions = Definitions()
-        self._definition_of: dict[str, str] = {}
         self._stack = ExitStack()
         self._parts: list[McapFile | RosbagsFile] = []
         self._info: BagInfo | None = None
@@ -214,16 +209,6 @@ class BagReader:
             for attachment in part.attachments:
                 found.setdefault(attachment.name, attachment)
         return list(found.values())
-
-    def decode(self, record: BagRecord) -> Any:
-        """Message of a record, with its fields as attributes; a `BagError` when it is damaged or not defined."""
-        if record.topic not in self._definition_of:
-            topics = self.topics().values()
-            self._definition_of |= {one.name: one.definition for one in topics if one.definition_encoding == "ros2msg"}
-        definition = self._definition_of.get(record.topic) or interface_definition(record.type_name)
-        if not definition:
-            raise BagError(f"{record.topic}: {record.type_name} is neither defined in the bag nor installed")
-        return self._definitions.decode(record.type_name, definition, record.data)
 
     def close(self) -> None:
         """Close the files; reading is no longer possible."""

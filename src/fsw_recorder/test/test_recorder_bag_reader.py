@@ -13,6 +13,7 @@ from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.qos import is_latched
+from fsw_test_support.bags import decode
 
 
 def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
@@ -35,9 +36,9 @@ def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
 def test_records_come_in_order_and_decode_from_the_bag_alone(genuine_bag: Path) -> None:
     with BagReader(genuine_bag) as reader:
         records = list(reader.records())
-        latched = next(reader.decode(record) for record in records if record.topic == "/demo/latched")
-        depth = next(reader.decode(record) for record in records if record.topic == "/demo/depth")
-        temperature = next(reader.decode(record) for record in records if record.topic == "/fsw/thermocouple")
+        latched = next(decode(reader, record) for record in records if record.topic == "/demo/latched")
+        depth = next(decode(reader, record) for record in records if record.topic == "/demo/depth")
+        temperature = next(decode(reader, record) for record in records if record.topic == "/fsw/thermocouple")
     assert [record.log_time_ns for record in records] == sorted(record.log_time_ns for record in records)
     assert latched.data == "håll 816 °C"
     assert depth.data == pytest.approx(0.00266, rel=1e-2)
@@ -96,7 +97,7 @@ def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMod
         for time_ns in range(1, 100):
             writer.write(connection, time_ns, b"\0\1\0\0" + struct.pack("<d", time_ns))
     with BagReader(tmp_path / "bag") as reader:
-        assert [reader.decode(record).data for record in reader.records(["/x"], 10)] == list(range(10, 100))
+        assert [decode(reader, record).data for record in reader.records(["/x"], 10)] == list(range(10, 100))
         info = reader.info()
     assert (info.message_count, info.storage, info.problems) == (99, storage.name.lower(), [])
     assert info.size_bytes == sum(file.stat().st_size for file in (tmp_path / "bag").glob("bag*"))
@@ -138,7 +139,7 @@ def test_damaged_message_is_one_clear_error(genuine: Path) -> None:
     with BagReader(genuine / "mcap_default") as reader:
         record = next(one for one in reader.records() if one.topic == "/fsw/thermocouple")
         with pytest.raises(BagError, match="Temperature"):
-            reader.decode(record._replace(data=record.data[:9]))
+            decode(reader, record._replace(data=record.data[:9]))
 
 
 def test_definition_that_cannot_be_parsed() -> None:

@@ -75,6 +75,7 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
     other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
     found = tune_decentral.tune("conservative", other, evaluations=60)

@@ -42,6 +42,7 @@ def test_default_nmpc_is_calm_quick_and_nearly_decoupled(nominal):
     assert all(nominal[DEFAULT]["rest"][key] < calm[key] for key in calm)
 
 
+@pytest.mark.full
 def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
     """In both errors together; the tight tuning buys some depth with temperature, so not in each one alone."""
     for kind in ("clean", "noisy"):
@@ -52,6 +53,7 @@ def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
                 assert costs[0] < costs[1], (kind, name, rival)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("event", ["z up", "dz"])
 def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
     best = clairvoyant.best(*courses()[event], 1e4, 1e-3)
@@ -67,6 +69,7 @@ def test_late_and_strong_plants_end_stability():
     assert not is_stable(label, {"model.thermal_gain_c_per_kw": 8.0})
 
 
+@pytest.mark.full
 def test_a_plant_that_cannot_run_is_named_on_the_page(nominal):
     data = study.sweep({"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}})
     assert all("error" in run for run in data["too weak"].values())
@@ -88,6 +91,7 @@ def test_ratios_take_the_better_rival():
     assert report.quantiles([0.5, 2.0])["share"] == 0.5
 
 
+@pytest.mark.full
 def test_pages_say_what_was_measured(nominal):
     plants = {"nominal": SWEEP["nominal"]}
     data = {"nominal": nominal, "sweep": study.sweep(plants)}

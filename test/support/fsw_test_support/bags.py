@@ -1,11 +1,15 @@
-"""Fixtures: bags that genuine ROS 2 recorded, and the bag of a made-up weld."""
+"""Bags that genuine ROS 2 recorded and the bag of a made-up weld, as fixtures; decoded messages."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from fsw_recorder.bag_reader import BagReader, BagRecord
+from fsw_recorder.definitions import Definitions
+from fsw_recorder.interface_text import interface_definition
 from fsw_test_support.sample_weld import write_sample_weld
 
 #: bags of genuine ``ros2 bag record``
@@ -31,3 +35,10 @@ def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("weld") / "weld"
     write_sample_weld(folder, 300)
     return folder
+
+
+def decode(reader: BagReader, record: BagRecord) -> Any:
+    """Message of a record by the bag's definition, or by the installed one; a `BagError` when it is damaged."""
+    topic = reader.topics()[record.topic]
+    in_bag = topic.definition if topic.definition_encoding == "ros2msg" else ""
+    return Definitions().decode(record.type_name, in_bag or interface_definition(record.type_name), record.data)

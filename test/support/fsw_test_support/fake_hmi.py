@@ -27,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Rules, Verdict
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.limits import EMULATOR, REFERENCE, limits
+from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.uplot import Uplot
 from fsw_hmi.users import Users
@@ -102,6 +102,7 @@ class FakeHmi:
             "way_back_s": 0.0,
         }
         self.start_s = time.time() - 600.0
+        self.held_s: float | None = None  #: the weld's clock, when it hardly moves
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -191,9 +192,7 @@ class FakeHmi:
                 await self._push()
             if self.measuring:
                 self._last_tick_s = time.time()
-                frames.append(
-                    {"t": "tick", "server_s": self._last_tick_s, "row": self._row(time.time() - self.start_s)}
-                )
+                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": self._row(self._time_s())})
             if count % 3 == 0:
                 now = time.time()
                 age = now - self._last_tick_s if self._last_tick_s else None
@@ -204,6 +203,12 @@ class FakeHmi:
                 for frame in frames:
                     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
                         await socket.send_text(json.dumps(frame))
+
+    def _time_s(self) -> float:
+        if self.held_s is None:
+            return time.time() - self.start_s
+        self.held_s += 1e-3
+        return self.held_s
 
     def _row(self, time_s: float) -> list[float]:
         row = weld_row(time_s)
@@ -282,7 +287,7 @@ class FakeHmi:
             "emulator": self.emulator,
             "columns": COLUMNS,
             "limits": LIMITS,
-            "reference": REFERENCE,
+            "reference": reference(_INTERLOCKS),
             "safe": {"force_kn": 65.0, "rate_kn_per_s": 2.0},
             **EMULATOR,
         }
@@ -306,9 +311,15 @@ class FakeHmi:
         return JSONResponse({"columns": [*COLUMNS, "mode", "controller"], "rows": bag["rows"]})
 
 
+SAFE_STOP = (
+    "Safe stop: hold for 10 s: took over: 2 ticks went unanswered (too many swaps in 30 s; nmpc failed: no proposal)"
+)
+
+
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
+        _alarm("safe_stop", SAFE_STOP, "high", "active", now_s - 9, first="Sensor thermocouple: no samples come"),
         _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
         _alarm("failover", "decentral commands in place of nmpc: nmpc was late 3 times", "medium", "active", now_s - 9),

@@ -2,10 +2,7 @@
 import { el, panel, renew, scroll, setShort } from "./dom.js";
 import { clock } from "./format.js";
 
-/** @type {Record<string, string>} */
-const SIGN = { pending: "…", done: "✓", refused: "✕", timed_out: "?" };
-/** @type {Record<string, string>} */
-const TEXT = { pending: "pending", done: "done", refused: "refused", timed_out: "timed out" };
+/** @type {Record<string, string>} */ const TEXT = { pending: "… pending", done: "✓ done", refused: "✕ refused", timed_out: "? timed out" };
 
 export class Actions {
   constructor() {
@@ -17,7 +14,7 @@ export class Actions {
   /** What became of this page's last request; `outcome` is "pending" until there is an answer. @param {string} text @param {string} outcome */
   tell(text, outcome, message = "") {
     this.answer.dataset.outcome = outcome;
-    setShort(this.answer, `${SIGN[outcome]} ${text}: ${TEXT[outcome]}${message ? `, ${message}` : ""}`);
+    setShort(this.answer, `${text}: ${TEXT[outcome]}${message ? `, ${message}` : ""}`);
   }
 
   update(/** @type {Action[]} */ actions) {
@@ -28,5 +25,5 @@ export class Actions {
 
 function entry(/** @type {Action} */ { server_s: serverS, who, action, outcome, message }) {
   const result = el("span", { className: "detail" }, `${TEXT[outcome] ?? outcome}${message ? `, ${message}` : ""}`);
-  return el("li", {}, el("time", {}, clock(serverS)), el("span", {}, `${SIGN[outcome] ?? ""} ${who || "somebody"}: ${action} `, result));
+  return el("li", {}, el("time", {}, clock(serverS)), el("span", {}, `${who || "somebody"}: ${action} `, result));
 }

@@ -7,15 +7,13 @@ import { drawTime, LINES, liveLines, Trends, uPlotReady, withQuality } from "./t
 import { WeldMap } from "./weld_map.js";
 
 const SECOND = "#1f5f9e";
-const SPLITS = 6;
 const STEPS_S = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 3600];
 
 export async function startBag() {
   const title = el("p", {}, el("strong", {}, "Reading"));
-  byId("status").append(el("section", {}, title));
+  byId("status").replaceChildren(el("section", {}, title));
   try {
-    /** @type {{bags: Weld[], limits: Limits}} */
-    const { bags, limits } = await get("bags");
+    /** @type {{bags: Weld[], limits: Limits}} */ const { bags, limits } = await get("bags");
     const welds = await Promise.all(bags.map(async (bag) => ({ ...bag, ...(await get(`bags/${bag.n}`)) })));
     await uPlotReady.catch(() => {});
     byId("status").replaceChildren();
@@ -43,11 +41,10 @@ class BagPage {
     this.limits = limits;
     this.first = welds[0];
     this.durationS = Math.max(...welds.map((weld) => weld.duration_s));
-    /** @type {[number, number]} */
-    this.range = [0, this.durationS];
+    /** @type {[number, number]} */ this.range = [0, this.durationS];
     this.columns = overlaid(welds, limits);
     this.#head();
-    this.#side();
+    byId("side").append(this.#figures(), this.#phases(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
     const map = new WeldMap(byId("map"), this.first.columns, limits, (timeS) => this.player?.seek(timeS));
@@ -67,10 +64,6 @@ class BagPage {
       part(this.phase, el("span", { className: "detail" }, "phase")),
       part(this.time, el("span", { className: "detail" }, "time in the weld")),
     );
-  }
-
-  #side() {
-    byId("side").append(this.#figures(), this.#phases(), this.#events());
   }
 
   #figures() {
@@ -112,7 +105,7 @@ class BagPage {
     this.trends = new Trends(plots, {
       lines: (name) => [...second(name), ...liveLines(name, this.limits)],
       label: span,
-      splits,
+      incrs: STEPS_S,
       zoom: (range) => this.#zoom(range),
       overlay: (u) => {
         for (const event of this.first.events) drawTime(u, event.time_s, "#8d959a", [2, 3]);
@@ -138,26 +131,18 @@ class BagPage {
     setText(this.time, span(timeS));
     const [from, to] = this.range;
     if (timeS < from || timeS > to) this.#zoom([timeS, timeS + to - from]);
-    else this.trends?.redraw();
+    else this.trends?.charts.forEach(({ uplot }) => uplot.redraw(false));
   }
 }
 
 /** Columns by name; those of the second weld carry `#1`, all on one time axis. */
 function overlaid(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
   const tables = welds.map((weld, n) => {
-    /** @type {Columns} */
-    const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
+    /** @type {Columns} */ const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
     return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withQuality(columns, limits);
   });
   if (tables.length === 1 || !globalThis.uPlot) return tables[0];
   const joined = uPlot.join(tables.map((table) => /** @type {import("uplot").AlignedData} */ (Object.values(table))));
   const names = ["time_s", ...tables.flatMap((table) => Object.keys(table).slice(1))];
   return Object.fromEntries(names.map((name, i) => [name, /** @type {Value[]} */ (joined[i])]));
-}
-
-function splits(/** @type {number} */ min, /** @type {number} */ max) {
-  const step = STEPS_S.find((one) => (max - min) / one <= SPLITS) ?? 3600;
-  const places = [];
-  for (let at = Math.ceil(min / step) * step; at <= max; at += step) places.push(at);
-  return places;
 }

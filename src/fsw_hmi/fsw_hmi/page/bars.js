@@ -1,9 +1,7 @@
 // The values now: a numeral and an analogue bar each, with normal range, limits, set-point and dead-band.
 import { el, panel, setText } from "./dom.js";
-import { fixed, known, signed } from "./format.js";
+import { fixed, known, SIGN, signed } from "./format.js";
 import { judge, qualityLimits, QUANTITIES } from "./quantities.js";
-
-const SIGN = { high: "■", medium: "▲" };
 
 class Bar {
   constructor(/** @type {Spec} */ spec, /** @type {Limits} */ limits) {
@@ -19,9 +17,8 @@ class Bar {
     this.aim = el("span", { className: "aim" });
     this.flag = el("span", { className: "flag" });
     this.plan = el("span", { className: "plan" });
-    this.scale = el("div", { className: "scale", role: "img", "aria-label": this.#describe() });
-    const beside = el("p", { className: "beside" }, this.aim, " ", this.plan, " ", this.flag);
-    this.tile.append(el("p", { className: "reading" }, this.value), beside, el("div", { className: "gauge" }, this.scale));
+    this.scale = el("div", { className: "scale", role: "img", "aria-label": `${spec.name}: scale ${this.low} to ${this.high} ${spec.unit}` });
+    this.tile.append(el("p", { className: "reading" }, this.value), el("p", { className: "beside" }, this.aim, " ", this.plan, " ", this.flag), el("div", { className: "gauge" }, this.scale));
     const { quality, warn, trip, dead_band: deadBand } = this.own;
     this.normal = quality || warn || trip ? this.#part("band normal") : null;
     if (this.normal && !quality) this.#stretch(this.normal, ...(warn ?? trip ?? [null, null]));
@@ -40,7 +37,7 @@ class Bar {
   update(value, aim, plan) {
     const { spec } = this;
     setText(this.value, fixed(value, spec.digits));
-    const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, spec.digits)})` : "";
+    const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, Math.abs(value - aim) < 99.5 ? spec.digits : 0)})` : "";
     setText(this.aim, spec.aim ? `${spec.aimName} ${fixed(aim, spec.digits)}${difference}` : "");
     const differs = known(plan) && !(Math.abs(plan - (aim ?? NaN)) <= (spec.rampPerS ?? 0)); // in a ramp the two are told up to a second apart
     const sign = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";
@@ -61,13 +58,6 @@ class Bar {
     if (this.normal && this.own.quality) this.#stretch(this.normal, ...qualityLimits(this.spec.key, this.limits, aim));
     const half = this.own.dead_band ?? 0;
     if (this.deadBand) this.#stretch(this.deadBand, aim === null ? null : aim - half, aim === null ? null : aim + half);
-  }
-
-  #describe() {
-    const limit = (/** @type {string} */ text, /** @type {Value | undefined} */ at) => (known(at) ? [`${text} ${at}`] : []);
-    const { warn, trip } = this.own;
-    const texts = [...limit("warn below", warn?.[0]), ...limit("warn above", warn?.[1]), ...limit("trip below", trip?.[0]), ...limit("trip above", trip?.[1])];
-    return `${this.spec.name}: ${[`scale ${this.low} to ${this.high} ${this.spec.unit}`, ...texts].join(", ")}`;
   }
 
   #share(/** @type {number} */ value) {

@@ -1,5 +1,5 @@
 // What an operator can do: log in, take control, command. Every request shows pending and then its answer.
-import { el, panel, setText } from "./dom.js";
+import { byId, el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, notice, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
@@ -18,28 +18,21 @@ const TOUCH_MS = 20_000;
 const AGAIN_MS = 5000;
 
 export class Commands {
-  /** @type {{[kind: string]: string}?} */
-  #credentials = null; // only here, so that a reload forgets them
-  /** @type {Control?} */
-  #control = null; // as last told
+  /** @type {{[kind: string]: string}?} */ #credentials = null; // only here, so that a reload forgets them
+  /** @type {Control?} */ #control = null; // as last told
   #due = 0; // until when control that is asked for must be answered
   #touched = -Infinity;
   #lost = ""; // how control has got lost without anybody's doing
   /** Why nothing can be commanded from here; empty where it can. */
   lack = "";
 
-  /**
-   * @param {import("./live.js").LivePage} page what the page knows: hello, state, values, control, progress
-   * @param {import("./connection.js").Connection} connection
-   * @param {import("./actions.js").Actions} actions
-   */
+  /** @param {import("./live.js").LivePage} page what the page knows @param {import("./connection.js").Connection} connection @param {import("./actions.js").Actions} actions */
   constructor(page, connection, actions) {
     this.page = page;
     this.connection = connection;
     this.actions = actions;
-    this.safeStopButton = el("button", { type: "button", id: "safe-stop", "aria-keyshortcuts": "Control+.", onclick: () => this.safeStop() }, el("strong", {}, "SAFE STOP"));
-    this.stopHint = el("span", {});
-    this.safeStopButton.append(this.stopHint);
+    this.stop = /** @type {HTMLButtonElement} */ (byId("safe-stop"));
+    this.stop.onclick = () => this.safeStop();
     this.control = el("p", { className: "control", role: "status" });
     this.logInButton = button("Log in", () => this.logIn());
     this.takeButton = button("Take control", () => this.takeControl());
@@ -74,8 +67,8 @@ export class Commands {
     permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
     permit(this.emulator, this.lack || (control.role === "engineer" ? "" : "This needs the role engineer."));
     for (const one of this.emulator) one.hidden = !hello?.emulator;
-    this.safeStopButton.disabled = !live;
-    setText(this.stopHint, live ? "Ctrl + ." : "not connected: stop at the machine");
+    this.stop.disabled = !live;
+    if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
     if (!live && this.#control?.you) closeForm(); // a login may go on
   }
 
@@ -191,8 +184,7 @@ export class Commands {
   }
 
   acknowledge(/** @type {string[]} */ ids) {
-    const many = ids.length === 1 ? "alarm" : `${ids.length} alarms`;
-    this.ask(`Acknowledge ${many}`, "acknowledge", { ids });
+    this.ask(`Acknowledge ${ids.length === 1 ? "alarm" : `${ids.length} alarms`}`, "acknowledge", { ids });
   }
 
   switchController() {
@@ -234,9 +226,7 @@ export class Commands {
     });
   }
 
-  weld(/** @type {string} */ action) {
-    return this.ask(`${action} weld`, "weld", { action });
-  }
+  weld = (/** @type {string} */ action) => this.ask(`${action} weld`, "weld", { action });
 
   abort() {
     openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: () => this.weld("abort") });

@@ -5,7 +5,7 @@ import { clock } from "./format.js";
 export const SILENCE_MS = 800;
 const WATCH_MS = 100;
 const BEHIND_MS = 1000;
-const BACK_OFF_MS = [250, 500, 1000, 2000, 4000];
+const AGAIN_MS = 1000;
 /** The server answers in time or says that it timed out; this is for an answer that is lost. */
 const ANSWER_MS = 15_000;
 const STALE_CODE = 4001;
@@ -16,20 +16,15 @@ const NO_ROOM_MS = 10_000;
 export class Connection {
   #build;
   #on;
-  /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */
-  #pending = new Map();
-  /** @type {WebSocket?} */
-  #socket = null;
+  /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */ #pending = new Map();
+  /** @type {WebSocket?} */ #socket = null;
   #nextId = 1;
-  #attempts = 0;
   #retry = 0;
   #lastFrame = -Infinity;
   #lastWatch = performance.now();
   #fastest = -Infinity; // largest server_s - performance.now(): the frame that came with the least delay
-  /** @type {Link} */
-  #state = { kind: "connecting", text: "Connecting" };
-  /** @type {Value} */
-  serverS = null;
+  /** @type {Link} */ #state = { kind: "connecting", text: "Connecting" };
+  /** @type {Value} */ serverS = null;
 
   constructor(/** @type {string} */ build, /** @type {Listener} */ on) {
     this.#build = build;
@@ -39,7 +34,6 @@ export class Connection {
   start() {
     setInterval(() => this.#watch(), WATCH_MS);
     document.addEventListener("visibilitychange", () => document.hidden || this.#watch());
-    window.addEventListener("online", () => this.#socket || this.#open());
     this.#on.linked(this.#state);
     this.#open();
   }
@@ -78,7 +72,7 @@ export class Connection {
     if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
     const noRoom = event.code === NO_ROOM_CODE;
     this.#become("lost", noRoom ? `Not served: ${event.reason}` : `Disconnected since ${this.#since()}`);
-    const wait = noRoom ? NO_ROOM_MS : BACK_OFF_MS[Math.min(this.#attempts++, BACK_OFF_MS.length - 1)];
+    const wait = noRoom ? NO_ROOM_MS : AGAIN_MS;
     this.#retry = setTimeout(() => this.#open(), wait * (0.8 + 0.4 * Math.random()));
   }
 
@@ -94,7 +88,6 @@ export class Connection {
     this.#fastest = Math.max(this.#fastest, serverS * 1000 - now);
     if (now + this.#fastest - serverS * 1000 > BEHIND_MS) return;
     this.#lastFrame = now;
-    this.#attempts = 0;
     this.serverS = serverS;
     this.#become("live", "Connected");
     this.#on.fresh(serverS);

@@ -1,20 +1,18 @@
 // Health of the controllers, of the other parts and of the data itself.
-import { el, panel, renew, scroll, setText } from "./dom.js";
+import { el, panel, renew, scroll, setShort, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
-/** @type {Record<string, string>} */
-const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
-
-/** @typedef {{level: string, text: string}} Note */
+/** @type {Record<string, string>} */ const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
 
 export class Controllers {
   constructor() {
     this.rows = el("tbody");
     this.notes = el("ul", { className: "notes" });
-    this.timing = el("p", { className: "timing detail" }, "–");
+    this.timing = el("span", { className: "timing detail" }, "–");
     const head = el("tr", {}, ...HEADS.map((text) => el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
-    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes), this.timing);
+    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes));
+    this.root.firstElementChild?.append(" ", this.timing);
   }
 
   update(/** @type {State} */ state) {
@@ -23,13 +21,12 @@ export class Controllers {
     const parts = state.parts.filter((part) => part.level !== "ok").map((part) => ({ level: part.level, text: `${part.name}: ${part.text}` }));
     const locks = state.interlocks.map((name) => ({ level: name.endsWith(":warn") ? "warn" : "error", text: `interlock ${name}` }));
     const healthy = { level: "ok", text: state.parts.length ? `all ${state.parts.length} parts report well` : "no diagnostics" };
-    const all = [...locks, ...notes, ...parts];
-    renew(this.notes, JSON.stringify([all, healthy]), () => (all.length ? all : [healthy]).map(note));
+    const all = locks.length + notes.length + parts.length ? [...locks, ...notes, ...parts] : [healthy];
+    renew(this.notes, JSON.stringify(all), () => all.map(note));
   }
 
-  /** @param {Values} values @param {Value} tickAgeS */
-  time({ solve_ms: solveMs, latency_ms: latencyMs }, tickAgeS) {
-    setText(this.timing, `solve ${fixed(solveMs, 0)} ms · latency ${fixed(latencyMs, 0)} ms · tick age ${fixed(tickAgeS, 1)} s`);
+  time(/** @type {Values} */ { solve_ms: solveMs, latency_ms: latencyMs }) {
+    setText(this.timing, `latency ${fixed(latencyMs, 0)} ms · solve ${fixed(solveMs, 0)} ms`);
   }
 }
 
@@ -43,7 +40,8 @@ function row(/** @type {Health} */ one, /** @type {State} */ state) {
 }
 
 function note(/** @type {Note} */ { level, text }) {
-  const made = el("li", {}, LEVEL_SIGN[level] ? `${LEVEL_SIGN[level]} ${text}` : text);
+  const made = el("li");
+  setShort(made, `${LEVEL_SIGN[level] ?? ""} ${text}`.trim());
   made.dataset.level = level;
   return made;
 }

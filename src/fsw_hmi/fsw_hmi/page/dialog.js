@@ -1,22 +1,16 @@
 // Forms over the page. They are not modal: the safe stop stays within reach of one click.
 import { byId, el, setText } from "./dom.js";
 
-/** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */
-let opened = null;
+/** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */ let opened = null;
 
-/**
- * Show a form; only one is open at a time. `fields` are made by the functions below. `summary()` says what will be done.
- * The form closes when `run()` resolves to "done".
- * @param {Form} form
- */
+/** Show a form; only one is open at a time. It closes when `run()` resolves to "done". @param {Form} form */
 export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
   closeForm();
   const heading = el("h2", { id: "dialog-title" }, title);
   const told = el("p", { className: "summary", "aria-live": "polite" });
   const answer = el("p", { className: "answer", role: "status" });
   const send = el("button", { type: "submit", className: "primary" }, confirm);
-  const cancel = el("button", { type: "button", onclick: closeForm }, "Cancel");
-  const form = el("form", {}, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, cancel));
+  const form = el("form", {}, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
   const renew = () => {
     const text = summary();
@@ -29,10 +23,10 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
     event.preventDefault();
     send.disabled = true;
     setText(answer, "… pending");
-    const { outcome, message } = await run();
+    const result = await run();
     send.disabled = false;
-    setText(answer, `${outcome === "refused" ? "✕ refused" : "? timed out"}: ${message}`);
-    if (outcome === "done" && opened?.dialog === dialog) closeForm();
+    setText(answer, result ? `${result.outcome === "refused" ? "✕ refused" : "? timed out"}: ${result.message}` : "");
+    if (result?.outcome === "done" && opened?.dialog === dialog) closeForm();
   });
   dialog.addEventListener("keydown", (event) => event.key === "Escape" && closeForm());
   byId("dialogs").append(dialog);

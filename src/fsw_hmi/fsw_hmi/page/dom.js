@@ -2,11 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/**
- * Make an element; keys of `options` are properties, or attributes where the name has a dash or is `role`.
- * @template {keyof HTMLElementTagNameMap} Tag
- * @param {Tag} tag @param {Record<string, any>} options @param {(Node | string)[]} children
- */
+/** Make an element; keys of `options` are properties, or attributes where the name has a dash or is `role`. @template {keyof HTMLElementTagNameMap} Tag @param {Tag} tag @param {Record<string, any>} options @param {(Node | string)[]} children */
 export function el(tag, options = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(options)) {

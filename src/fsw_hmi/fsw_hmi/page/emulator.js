@@ -24,8 +24,7 @@ export function disturb(/** @type {Hello} */ { disturbances }, /** @type {Ask} *
       duration.use(shape.value === "ramp" || shape.value === "pulse");
       period.use(shape.value === "sine");
       const size = `${amplitude.input.value || "–"} ${written(unit)}`;
-      /** @type {Record<string, string>} */
-      const told = { none: "no disturbance any more", step: `at once by ${size}`, ramp: `by ${size} within ${lasting(duration.value)}`, pulse: `by ${size} for ${lasting(duration.value)}`, sine: `to and fro by ${size}, every ${lasting(period.value)}` };
+      /** @type {Record<string, string>} */ const told = { none: "no disturbance any more", step: `at once by ${size}`, ramp: `by ${size} within ${lasting(duration.value)}`, pulse: `by ${size} for ${lasting(duration.value)}`, sine: `to and fro by ${size}, every ${lasting(period.value)}` };
       return `${words(channel.value)}: ${told[shape.value] ?? size}`;
     },
     confirm: "Disturb",

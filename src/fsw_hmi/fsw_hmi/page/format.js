@@ -2,7 +2,8 @@
 
 export const NONE = "–";
 
-/** @typedef {number | null | undefined} Maybe */
+/** Signs of priorities and levels: nothing is told by colour alone. */
+export const SIGN = { "": "", good: "✓", attention: "●", low: "●", medium: "▲", high: "■" };
 
 /** @param {Maybe} value @returns {value is number} */
 export const known = (value) => Number.isFinite(value);

@@ -5,7 +5,8 @@ import { Bars } from "./bars.js";
 import { Commands } from "./command.js";
 import { Connection } from "./connection.js";
 import { Controllers } from "./controllers.js";
-import { byId, el, meta } from "./dom.js";
+import { openForm } from "./dialog.js";
+import { byId, meta } from "./dom.js";
 import { LiveTrends } from "./live_trends.js";
 import { Status } from "./status.js";
 import { Store } from "./store.js";
@@ -13,15 +14,8 @@ import { Veil } from "./veil.js";
 import { TICK_AGE_S, verdict } from "./verdict.js";
 import { WeldMap } from "./weld_map.js";
 
-/** @type {Control} */
-const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
-
-/** @type {State} */
-const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", requested_by: "", acknowledged: false, controllers: [], interlocks: [], parts: [] };
-
-export function startLive() {
-  new LivePage().connection.start();
-}
+/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
+/** @type {State} */ const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", requested_by: "", acknowledged: false, controllers: [], interlocks: [], parts: [] };
 
 /** @implements {Listener} */
 export class LivePage {
@@ -38,7 +32,7 @@ export class LivePage {
     this.veil = new Veil();
     this.actions = new Actions();
     this.commands = new Commands(this, this.connection, this.actions);
-    this.status = new Status(byId("status"), this.commands.safeStopButton);
+    this.status = new Status();
     this.list = new Alarms(this.commands);
     this.controllers = new Controllers();
     byId("side").append(this.list.root, this.commands.root, this.controllers.root, this.actions.root);
@@ -47,7 +41,7 @@ export class LivePage {
   frame(/** @type {Frame} */ frame) {
     if (frame.t === "hello") this.#begin(frame);
     else if (frame.t === "tick") this.#tick(frame);
-    else if (frame.t === "prediction") this.trends?.predict(frame);
+    else if (frame.t === "prediction") Object.assign(this.trends ?? {}, { prediction: frame });
     else if (frame.t === "actions") this.actions.update(frame.actions);
     else if (frame.t === "history") {
       this.store?.prepend(frame.rows);
@@ -61,7 +55,7 @@ export class LivePage {
   }
 
   #show() {
-    this.status.tell(this.state);
+    if (this.state !== UNKNOWN) this.status.tell(this.state);
     this.status.progress.update(this);
     this.controllers.update(this.state);
     this.commands.update();
@@ -89,7 +83,7 @@ export class LivePage {
   #tick(/** @type {Tick} */ tick) {
     if (!this.hello) return;
     this.store?.append(tick.row);
-    this.trends?.note(tick);
+    if (this.trends) this.trends.toServerS = tick.server_s - (tick.row[0] ?? NaN);
     this.values = Object.fromEntries(this.hello.columns.map((name, i) => [name, tick.row[i]]));
     this.tickAgeS = 0;
     this.bars?.update(this.values, this.progress);
@@ -106,7 +100,7 @@ export class LivePage {
   #judge() {
     if (!this.connection.live || !this.hello) return;
     this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, tickAgeS: this.tickAgeS }));
-    this.controllers.time(this.values, this.tickAgeS);
+    this.controllers.time(this.values);
     document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
   }
 
@@ -117,11 +111,6 @@ export class LivePage {
     this.status.connection(link);
     if (link.kind === "live") return;
     this.veil.drop(link.text);
-    if (link.kind === "stale") byId("dialogs").replaceChildren(staleNotice());
+    if (link.kind === "stale") openForm({ title: "The page is out of date", summary: () => "The server has a newer one. Nothing can be shown or commanded here.", confirm: "Reload", run: async () => location.reload() });
   }
-}
-
-function staleNotice() {
-  const reload = el("button", { type: "button", className: "primary", onclick: () => location.reload() }, "Reload");
-  return el("dialog", { open: true, "aria-label": "The page is out of date" }, el("h2", {}, "The page is out of date"), el("p", {}, "The server has a newer one. Nothing can be shown or commanded here."), reload);
 }

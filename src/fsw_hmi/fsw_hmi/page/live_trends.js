@@ -18,15 +18,11 @@ const PREVIEW = "#1f5f9e";
 
 export class LiveTrends {
   #window = WINDOWS[0];
-  /** @type {Ahead?} */
-  #prediction = null;
-  /** @type {Ahead?} */
-  #preview = null; // what is about to be confirmed
-  /** @type {number?} */
-  #moment = null; // what is looked at, null: the present
-  /** @type {{now: number, moment: number?}} */
-  #drawn = { now: NaN, moment: null };
-  #toServerS = 0; // from the weld's clock to the server's
+  /** @type {Ahead?} */ prediction = null;
+  /** @type {Ahead?} */ #preview = null; // what is about to be confirmed
+  /** @type {number?} */ #moment = null; // what is looked at, null: the present
+  /** @type {{now: number, moment: number?}} */ #drawn = { now: NaN, moment: null };
+  toServerS = 0; // from the weld's clock to the server's
 
   /** @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
   constructor(root, store, limits) {
@@ -46,14 +42,6 @@ export class LiveTrends {
     this.#choose(this.#window);
   }
 
-  note(/** @type {Tick} */ tick) {
-    this.#toServerS = tick.server_s - (tick.row[0] ?? NaN);
-  }
-
-  predict(/** @type {Ahead} */ prediction) {
-    this.#prediction = prediction;
-  }
-
   /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
   preview(ahead) {
     this.#preview = ahead;
@@ -69,7 +57,7 @@ export class LiveTrends {
 
   /** A time of the weld as the server's. */
   clock(/** @type {number} */ timeS) {
-    return clock(timeS + this.#toServerS);
+    return clock(timeS + this.toServerS);
   }
 
   destroy() {
@@ -122,7 +110,7 @@ export class LiveTrends {
   }
 
   #ahead() {
-    const ahead = this.#prediction;
+    const ahead = this.prediction;
     return ahead && Math.abs(this.store.newest - ahead.time_s[0]) < PREDICTION_MAX_AGE_S ? ahead : null;
   }
 }

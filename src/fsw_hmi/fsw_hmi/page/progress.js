@@ -1,16 +1,14 @@
 // Progress of the weld: phase, angle, length, time left; while it is stopped, how far the stop has come.
-import { el, setShort } from "./dom.js";
+import { byId, setShort } from "./dom.js";
 import { fixed, span, words } from "./format.js";
 import { Stop } from "./stop.js";
 
 export class Progress {
-  constructor() {
-    this.phase = el("strong", {}, "No programme");
-    this.bar = el("progress", { max: 1, "aria-label": "Progress of the stop", hidden: true });
-    this.detail = el("span", { className: "detail" }, "");
-    this.stop = new Stop();
-    this.root = el("section", { id: "progress", "aria-label": "Progress of the weld" }, el("p", {}, this.phase, this.bar, this.detail));
-  }
+  root = byId("progress");
+  phase = /** @type {HTMLElement} */ (document.querySelector("#progress strong"));
+  bar = /** @type {HTMLProgressElement} */ (document.querySelector("#progress progress"));
+  detail = /** @type {HTMLElement} */ (document.querySelector("#progress .detail"));
+  stop = new Stop();
 
   update(/** @type {import("./live.js").LivePage} */ page) {
     const stop = this.stop.progress(page);

@@ -24,10 +24,7 @@ export function qualityLimits(key, limits, aim) {
   return [low === null || aim === null ? null : aim + low, high === null || aim === null ? null : aim + high];
 }
 
-/**
- * How a value stands: level null where it is normal, else "high" (trip) or "medium".
- * @param {string} key @param {Limits} limits @param {Value | undefined} value @param {Value | undefined} aim @returns {Judgement}
- */
+/** How a value stands: level null where it is normal, else "high" (trip) or "medium". @param {string} key @param {Limits} limits @param {Value | undefined} value @param {Value | undefined} aim @returns {Judgement} */
 export function judge(key, limits, value, aim) {
   if (!known(value)) return { level: null, text: "" };
   const outside = (/** @type {Pair | undefined} */ [low, high] = [null, null]) => {

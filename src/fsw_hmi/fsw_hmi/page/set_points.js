@@ -7,12 +7,7 @@ import { fixed, known, lasting, signed } from "./format.js";
 const LEAD_S = 0.5; // a ramp is sent ahead by so much
 const AFTER_S = 5; // is drawn after a ramp
 
-/** Longest of both ramps [s]. @param {SetPoints} from @param {SetPoints} to @param {Reference} reference */
-export function rampSeconds(from, to, reference) {
-  return Math.max(...Object.values(each(from, to, reference)));
-}
-
-/** @param {SetPoints} from @param {SetPoints} to @param {Reference} reference */
+/** How long each of both ramps lasts [s]. @param {SetPoints} from @param {SetPoints} to @param {Reference} reference */
 const each = (from, to, reference) => ({
   depth_mm: Math.abs(to.depth_mm - from.depth_mm) / reference.rate_depth_mm_per_s,
   temperature_c: Math.abs(to.temperature_c - from.temperature_c) / reference.rate_temperature_c_per_s,
@@ -31,12 +26,11 @@ function changes(from, to) {
 function ramp({ store, hello }, from, to, together) {
   if (!hello || !store) return null;
   const lasts = each(from, to, hello.reference);
-  const whole = Math.max(lasts.depth_mm, lasts.temperature_c);
+  const whole = Math.max(...Object.values(lasts));
   if (!known(whole)) return null;
   const times = [0, ...Object.values(lasts), whole + AFTER_S].sort((a, b) => a - b);
   const line = (/** @type {"depth_mm" | "temperature_c"} */ key) => times.map((timeS) => from[key] + (to[key] - from[key]) * Math.min(1, timeS / Math.max(together ? whole : lasts[key], 1e-6)));
-  const now = store.newest + LEAD_S;
-  return { time_s: times.map((timeS) => now + timeS), depth_mm: line("depth_mm"), temperature_c: line("temperature_c") };
+  return { time_s: times.map((timeS) => store.newest + LEAD_S + timeS), depth_mm: line("depth_mm"), temperature_c: line("temperature_c") };
 }
 
 const inForce = (/** @type {Page} */ { values }) => ({ depth_mm: values.reference_depth_mm ?? NaN, temperature_c: values.reference_temperature_c ?? NaN });
@@ -76,7 +70,7 @@ export function setPoints(page, ask) {
       const to = wanted();
       page.trends?.preview(asRamp.value ? ramp(page, from, to, true) : null);
       if (!known(to.depth_mm) || !known(to.temperature_c)) return "Depth and temperature are both needed.";
-      const lastsS = rampSeconds(from, to, reference);
+      const lastsS = Math.max(...Object.values(each(from, to, reference)));
       const how = !asRamp.value || !known(lastsS) ? "at once, as a step" : `by a ramp of ${lasting(lastsS)}`;
       return lastsS === 0 ? "These are the set-points in force." : `${changes(from, to)}, ${how}`;
     },

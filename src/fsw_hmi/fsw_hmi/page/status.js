@@ -1,26 +1,22 @@
 // The line at the top: good or not, who commands and why, progress, server time, safe stop. Its height never changes.
-import { el, setShort, setText } from "./dom.js";
-import { clock, words } from "./format.js";
+import { byId, setShort, setText } from "./dom.js";
+import { clock, SIGN, words } from "./format.js";
 import { Progress } from "./progress.js";
 
-/** @type {Record<Level, string>} */
-const SIGN = { "": "", good: "✓", attention: "●", low: "●", medium: "▲", high: "■" };
+/** What index.html has for one of its parts. */
+const part = (/** @type {string} */ selector) => /** @type {HTMLElement} */ (document.querySelector(selector));
 
 export class Status {
-  constructor(/** @type {HTMLElement} */ root, /** @type {HTMLElement} */ safeStop) {
-    this.sign = el("span", { className: "sign", "aria-hidden": "true" }, "●");
-    this.text = el("strong", {}, "Connecting");
-    this.detail = el("span", { className: "detail" });
-    this.verdict = el("section", { id: "verdict", "aria-label": "Verdict" }, this.sign, el("p", {}, this.text, this.detail));
-    this.who = el("strong", {}, "–");
-    this.why = el("span", { className: "detail" });
-    this.command = el("section", { id: "who", "aria-label": "Who commands" }, el("p", {}, this.who, this.why));
-    this.progress = new Progress();
-    this.time = el("strong", { className: "time" }, "--:--:--");
-    this.link = el("span", { className: "detail" }, "connecting");
-    this.clock = el("section", { id: "clock", "aria-label": "Server time" }, el("p", {}, this.time, this.link));
-    root.replaceChildren(this.verdict, this.command, this.progress.root, this.clock, safeStop);
-  }
+  verdict = byId("verdict");
+  sign = part("#verdict .sign");
+  text = part("#verdict strong");
+  detail = part("#verdict .detail");
+  command = byId("who");
+  who = part("#who strong");
+  why = part("#who .detail");
+  time = part("#clock .time");
+  link = part("#clock .detail");
+  progress = new Progress();
 
   judge(/** @type {Verdict} */ { level, text, detail }) {
     this.verdict.dataset.level = level;

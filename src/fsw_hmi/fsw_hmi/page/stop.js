@@ -6,8 +6,7 @@ const LATE_S = 2;
 const NEAR_KN = 1;
 
 export class Stop {
-  /** @type {{timeS: number, forceKn: number}?} */
-  #begin = null;
+  /** @type {{timeS: number, forceKn: number}?} */ #begin = null;
 
   /** What is told; null where nothing is being stopped. `share` is how far the force has come. @param {import("./live.js").LivePage} page */
   progress({ state, values, progress, hello }) {

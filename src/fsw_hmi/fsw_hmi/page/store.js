@@ -2,15 +2,11 @@
 import { known } from "./format.js";
 
 export class Store {
-  /**
-   * @param {string[]} names columns of a row, the time first
-   * @param {number} kept rows that are kept at least
-   */
+  /** `kept` is how many rows are kept at least. @param {string[]} names columns of a row, the time first @param {number} kept */
   constructor(names, kept = 3600 * 10) {
     this.names = names;
     this.kept = kept;
-    /** @type {Value[][]} */
-    this.columns = names.map(() => []);
+    /** @type {Value[][]} */ this.columns = names.map(() => []);
   }
 
   /** Time of the newest row, NaN before the first. */

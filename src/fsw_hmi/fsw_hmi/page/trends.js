@@ -5,7 +5,6 @@ import { qualityLimits, quantity, TRENDS } from "./quantities.js";
 
 const INK = "#1c1f22";
 const GRID = { stroke: "#b3b8bc", width: 1 };
-const FONT = "13px system-ui, sans-serif";
 const DASHED = [6, 4];
 const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
@@ -39,10 +38,8 @@ export function liveLines(key, limits) {
 }
 
 export class Trends {
-  /** @type {Chart[]} */
-  charts = [];
-  /** @type {[Columns, number, number, Record<string, number[]>]?} */
-  #drawn = null;
+  /** @type {Chart[]} */ charts = [];
+  /** @type {[Columns, number, number, Record<string, number[]>]?} */ #drawn = null;
 
   /** @param {HTMLElement} root @param {Drawing} options */
   constructor(root, options) {
@@ -68,11 +65,6 @@ export class Trends {
     }
   }
 
-  /** Draw what lies on top again. */
-  redraw() {
-    this.charts.forEach((one) => one.uplot.redraw(false));
-  }
-
   destroy() {
     this.resizer.disconnect();
     this.charts.forEach((one) => one.uplot.destroy());
@@ -90,8 +82,8 @@ export class Trends {
 
   /** @param {Omit<Chart, "uplot">} one @param {Line[]} lines @returns {import("uplot").Options} */
   #settings(one, lines) {
-    const { label, splits, zoom, overlay } = this.options;
-    const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: FONT };
+    const { label, splits, incrs, zoom, overlay } = this.options;
+    const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: "13px system-ui, sans-serif" };
     const isLast = one.key === TRENDS.at(-1);
     return {
       width: 200,
@@ -101,8 +93,8 @@ export class Trends {
       cursor: { sync: { key: "weld" }, drag: { x: Boolean(zoom), y: false, setScale: false }, points: { show: false } },
       scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(one, low, high) } },
       axes: [
-        { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), splits: (_u, _i, min, max) => splits(min, max) },
-        { ...axis, size: 48, space: 28 },
+        { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
+        { ...axis, size: 48, space: 20 },
       ],
       // distant limits would flatten what is measured
       series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
@@ -150,8 +142,8 @@ function addGaps(u, _, first, last, gaps) {
   return gaps.sort(([a], [b]) => a - b);
 }
 
-/** Draw a dashed line of times and values on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values */
-export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK) {
+/** Draw a line of times and values on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values */
+export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK, width = 2, dash = DASHED) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
@@ -159,23 +151,13 @@ export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK) {
   ctx.beginPath();
   times.forEach((time, i) => ctx.lineTo(valToPos(time, "x", true), valToPos(values[i], "y", true)));
   ctx.strokeStyle = stroke;
-  ctx.lineWidth = 2 * devicePixelRatio;
-  ctx.setLineDash(DASHED.map((length) => length * devicePixelRatio));
+  ctx.lineWidth = width * devicePixelRatio;
+  ctx.setLineDash(dash.map((length) => length * devicePixelRatio));
   ctx.stroke();
   ctx.restore();
 }
 
 /** Draw an upright line at a time. @param {Plot} u @param {number} time @param {string} stroke @param {number[]} dash */
 export function drawTime(u, time, stroke, dash = []) {
-  const x = u.valToPos(time, "x", true);
-  if (x < u.bbox.left || x > u.bbox.left + u.bbox.width) return;
-  u.ctx.save();
-  u.ctx.beginPath();
-  u.ctx.moveTo(x, u.bbox.top);
-  u.ctx.lineTo(x, u.bbox.top + u.bbox.height);
-  u.ctx.strokeStyle = stroke;
-  u.ctx.lineWidth = devicePixelRatio;
-  u.ctx.setLineDash(dash);
-  u.ctx.stroke();
-  u.ctx.restore();
+  drawLine(u, [time, time], [u.scales.y.min ?? 0, u.scales.y.max ?? 0], stroke, 1, dash);
 }

@@ -5,8 +5,6 @@ import { judge, QUANTITIES } from "./quantities.js";
 /** No ticks for longer than this: the values on the page are old. */
 export const TICK_AGE_S = 0.5;
 
-/** @typedef {{state: State, alarms: Alarm[], values: Values, limits: Limits, tickAgeS: Value}} Now what the page knows */
-
 /** @param {Now} now @returns {Verdict} */
 export function verdict(now) {
   if (!known(now.tickAgeS)) return { level: "attention", text: "No measurements yet" };

@@ -1,13 +1,12 @@
 // The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
 import { el, setShort, svg } from "./dom.js";
-import { fixed, known, span } from "./format.js";
+import { fixed, known, SIGN, span } from "./format.js";
 import { judge, quantity } from "./quantities.js";
 
 const WAY_DEG = 420; // a turn, the overlap, and the way out
 const TURN_DEG = 360;
 const STEP_DEG = 0.5;
-const LEVELS = ["good", "medium", "high"];
-const SIGNS = ["", "▲", "■"];
+/** @type {Level[]} */ const LEVELS = ["good", "medium", "high"];
 /** Marks are for fingers: those that are nearer become one. */
 const MARK_PX = 48;
 
@@ -16,13 +15,7 @@ export class WeldMap {
   #steps = new Array(WAY_DEG / STEP_DEG).fill(undefined);
   #drawn = "";
 
-  /**
-   * @param {HTMLElement} root
-   * @param {string[]} names columns of a row
-   * @param {Limits} limits
-   * @param {(timeS: number) => void} onMoment called with the moment of a mark that is chosen
-   * @param {(timeS: number) => string} told a moment in words
-   */
+  /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {Limits} limits @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
   constructor(root, names, limits, onMoment, told = span) {
     this.root = root;
     this.limits = limits;
@@ -86,8 +79,7 @@ export class WeldMap {
     const key = JSON.stringify([width, outside]);
     if (key === this.#drawn) return;
     this.#drawn = key;
-    /** @type {Map<number, Stretch[]>} */
-    const places = new Map();
+    /** @type {Map<number, Stretch[]>} */ const places = new Map();
     for (const one of outside) {
       const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
       places.set(place, [...(places.get(place) ?? []), one]);
@@ -102,7 +94,7 @@ export class WeldMap {
     const rank = Math.max(...group.map(({ worst }) => worst.rank));
     const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
-    const sign = el("span", {}, SIGNS[rank], group.length > 1 ? String(group.length) : "");
+    const sign = el("span", {}, SIGN[LEVELS[rank]], group.length > 1 ? String(group.length) : "");
     const button = at(el("button", { type: "button", title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].worst.timeS) }, sign), deg);
     button.dataset.level = LEVELS[rank];
     return button;
