@@ -50,16 +50,16 @@ class CanisterParameters(Model):
     """Share of the heat into the copper that the shoulder makes: its share of G at the operating point, paper (22)."""
     tool_share: Annotated[float, Range(0.0, 0.9, "")] = 0.05
     """Share of the power that goes into tool and machine."""
-    conductivity_w_per_m_k: Annotated[float, Range(1.0, 2000.0, "W/(m K)")] = 371.0
+    conductivity_w_per_m_k: Annotated[float, Range(1.0, 2000.0, "W/(m K)")] = 382.6
     """Conductivity k of the copper at the reference temperature; Incropera, Table A.1 by default."""
-    heat_capacity_j_per_kg_k: Annotated[float, Range(10.0, 5000.0, "J/(kg K)")] = 427.0
+    heat_capacity_j_per_kg_k: Annotated[float, Range(10.0, 5000.0, "J/(kg K)")] = 411.8
     """Specific heat c of the copper at the reference temperature; Incropera, Table A.1 by default."""
     density_kg_per_m3: Annotated[float, Range(100.0, 30000.0, "kg/m3")] = 8933.0
     """Density of the copper, that of the cold canister, as the geometry is; Incropera, Table A.1."""
     properties: Literal["constant", "kirchhoff"] = "kirchhoff"
     """Whether k is constant, or varies with the temperature as in Table A.1 while k/c is constant."""
-    reference_c: Annotated[float, Range(0.0, 1000.0, "degC")] = 450.0
-    """Temperature to which k and c belong."""
+    reference_c: Annotated[float, Range(0.0, 1000.0, "degC")] = 275.0
+    """Temperature to which k and c belong: at the default the linear model is close to the nonlinear one."""
     convection_w_per_m2_k: Annotated[float, Range(0.0, 1000.0, "W/(m2 K)")] = 10.0
     """Convection to air at the outer surface, the rim and the lid's top."""
     emissivity: Annotated[float, Range(0.0, 1.0, "")] = 0.3
