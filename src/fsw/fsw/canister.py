@@ -77,6 +77,8 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         weld = programmed(arguments.scenario or _SCENARIO, arguments.canister, arguments.power)
     moments_s = _moments(arguments, weld)
+    if arguments.vtk is not None:
+        new_folder(arguments.vtk, "canister", "--vtk")
     history, probes, step_us = _computed(arguments, weld)
     table = arguments.csv or default_folder("canister") / "heat.csv"
     _write_table(table, history, probes)
@@ -205,7 +207,7 @@ def _pictures(
     if arguments.vtk is not None:
         from fsw_canister.vtk import write_vtk
 
-        files = write_vtk(history, moments_s, new_folder(arguments.vtk, "canister", "--vtk"))
+        files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
     return words
 
@@ -234,13 +236,13 @@ def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:
     for name, begin_s, end_s in weld.phases:
         inside = (history.time_s > begin_s) & (history.time_s <= end_s + 1e-6)
         if inside.any():
-            stir, power = history.stir_zone_c[inside], history.course.power_kw[inside]
-            values = (begin_s, end_s, power.mean(), stir.min(), stir.mean(), stir.max())
-            rows.append(
-                (
-                    name.replace("_", " "),
-                    *(f"{one:.{digits}f}" for one, digits in zip(values, (0, 0, 1, 0, 0, 0), strict=True)),
-                )
+            stir, power = history.stir_zone_c[inside], history.course.power_kw[inside].mean()
+            numbers = (
+                f"{begin_s:.0f}",
+                f"{end_s:.0f}",
+                f"{power:.1f}",
+                *map("{:.0f}".format, (stir.min(), stir.mean(), stir.max())),
             )
+            rows.append((name.replace("_", " "), *numbers))
     header = ("phase", "from [s]", "to [s]", "power [kW]", "stir zone min [degC]", "mean", "max")
     print_table(rows, header, 1)

@@ -106,11 +106,11 @@ def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None
     writer = (PillowWriter if path.suffix.lower() == ".gif" else FFMpegWriter)(fps=FILM_FPS)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(12.0, 5.0), dpi=80, layout="constrained")
-        grid = figure.add_gridspec(2, 2, width_ratios=(2.7, 1.0), height_ratios=(1.6, 2.0))
+        grid = figure.add_gridspec(3, 2, width_ratios=(2.7, 1.0), height_ratios=(1.8, 1.0, 0.8))
         fields = (figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1]))
-        curve = figure.add_subplot(grid[1, :])
-        _draw_curves([curve], picture)
-        cursor = curve.axvline(0.0, color="black", linewidth=1.2)
+        curves = [figure.add_subplot(grid[i, :]) for i in (1, 2)]
+        _draw_curves(curves, picture)
+        cursors = [axis.axvline(0.0, color="black", linewidth=1.2) for axis in curves]
         _add_scale(figure, fields)
         with writer.saving(figure, str(path), figure.dpi):
             for i, time_s in enumerate(times_s):
@@ -119,7 +119,8 @@ def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None
                     axis.clear()
                 _draw_fields(fields, history, state, _when(picture, at_s), coarse=2)
                 _label_below(fields)
-                cursor.set_xdata([at_s / 60.0] * 2)
+                for cursor in cursors:
+                    cursor.set_xdata([at_s / 60.0] * 2)
                 figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
                 writer.grab_frame()
                 if i == 0:
@@ -141,7 +142,7 @@ def _when(picture: HeatPicture, at_s: float) -> str:
 
 
 def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
-    """Temperatures in the first axis; power in the second, if there is one."""
+    """Temperatures in the first axis, power in the second."""
     history = picture.history
     minutes = history.time_s / 60.0
     axes[0].plot(minutes, history.stir_zone_c, color="black", label="stir zone")
@@ -151,11 +152,9 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
     if names:
         axes[0].legend(loc="best", fontsize=8.0, ncols=2)
     axes[0].set_ylabel("temperature [°C]")
-    if len(axes) > 1:
-        axes[1].plot(minutes, history.course.power_kw, color=COLOURS[0], label="power")
-        axes[1].set_ylabel("power [kW]")
-        axes[1].set_ylim(0.0, 1.15 * float(history.course.power_kw.max()))
-        axes[0].tick_params(labelbottom=False)
+    axes[1].plot(minutes, history.course.power_kw, color=COLOURS[0])
+    axes[1].set_ylabel("power [kW]")
+    axes[0].tick_params(labelbottom=False)
     for axis in axes:
         axis.set_xlim(0.0, minutes[-1])
         axis.set_ylim(bottom=0.0)
@@ -171,7 +170,7 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
         for axis in axes:
             axis.axvspan(begin_s / 60.0, end_s / 60.0, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
         if begin_s - last_s > 0.7 * minutes[-1]:  # no name over another
-            axes[-1].text(begin_s / 60.0 + 0.1, 0.06, name.replace("_", " "), **style)
+            axes[-1].text(begin_s / 60.0 + 0.003 * minutes[-1], 0.06, name.replace("_", " "), **style)
             last_s = begin_s
 
 
