@@ -45,7 +45,7 @@ from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
 from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
-from fsw_test_support.nmpc_problems import make_library, random_problem
+from fsw_test_support.nmpc_problems import make_library, predict, problem_of, random_problem, solve, use_solver
 
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
 EVENTS = ((20.0, 0.2, 0.0), (70.0, 0.0, 0.0), (130.0, 0.0, 10.0), (180.0, 0.0, 0.0))
@@ -117,7 +117,7 @@ def close_loop(
         proposal = controller.step(measurement, target, applied, STEP_S)
         cpu_s.append(time.thread_time() - began)
         if watch:
-            watch(time_s, library.problem, start)
+            watch(time_s, problem_of(library), start)
         rows.append((time_s, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c))
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)
@@ -226,7 +226,7 @@ class Comparison:
             began, moves = time.thread_time(), start
             for tolerance in tolerances or (self._exact,):
                 self._tuning.tolerance = tolerance
-                status, moves, _, _ = self._library.solve(problem, moves)
+                status, moves, _, _ = solve(self._library, problem, moves)
             times.append(time.thread_time() - began)
             if status not in (SolveStatus.OK, SolveStatus.ITERATION_CAP):
                 raise RuntimeError(f"the library cannot solve a problem of the weld: {status.name}")
@@ -234,7 +234,7 @@ class Comparison:
         return Answer(statistics.median(times), moves)
 
     def _cost_of(self, problem: Any, moves: Vector | None) -> float:
-        outputs = self._library.predict(KERNEL.ffi.addressof(problem, "start"), moves)[:2]
+        outputs = predict(self._library, KERNEL.ffi.addressof(problem, "start"), moves)[:2]
         return objective(problem, self._tuning, self._horizon, moves, *outputs)
 
     def _beyond(self, problem: Any, moves: Vector) -> float:
@@ -273,7 +273,7 @@ def against_converged(quick: bool) -> Figures:
 
         own, _ = close_loop(make(preset=preset), reference, length_s)
         converged = make(preset=preset)
-        converged.solver = ReferenceSolver(converged.library, nominal())
+        use_solver(converged, ReferenceSolver(converged.library, nominal()))
         best, _ = close_loop(converged, reference, length_s)
         figures |= {
             f"iae_depth_vs_nlp{ending}": iae(own, 1) / iae(best, 1) - 1.0,
@@ -293,7 +293,7 @@ def worst_cases(quick: bool) -> Figures:
     for _ in range(1_000 if quick else 100_000):
         problem = random_problem(rng, library, nominal())
         began = time.thread_time()
-        status, _, _, _ = library.solve(problem, cold)
+        status, _, _, _ = solve(library, problem, cold)
         cpu_s.append(time.thread_time() - began)
         iterations.append(library.output.iterations)
         unsolved += status is not SolveStatus.OK

@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},
-    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
@@ -41,8 +41,9 @@ MAY_IMPORT = {
         *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
     },
     "fsw": {
-        *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign"),
+        *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
+        *("fsw_supervisor", "fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario"),
+        *("fsw_campaign",),
         *("fsw_msgs", "fsw_hmi"),  # of fsw_hmi: its named users
     },
     "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},

@@ -15,6 +15,7 @@ from fsw_control import units
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_msgs.msg import WeldProgress, WeldReference
 from fsw_msgs.srv import SetMode
+from fsw_scenario.launcher import ABORTED
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_test_support.ros_graph import Spinner
 
@@ -154,7 +155,7 @@ def test_an_aborted_weld_leads_to_the_safe_stop(weld, player, first):
     done, words = player.ask("abort")
     assert done and words.startswith("aborted in phase start at 0.")
     weld.until(lambda: weld.states[-1].actual_mode == "safe_stop", "the safe stop")
-    assert player.end() == 1
+    assert player.end() == ABORTED
     assert player.reports[-1].state == "aborted"
     last = player.child.text().strip().splitlines()[-1]
     assert last.startswith("scenario: the weld is aborted in phase start at 0.") and "safe_stop" in last

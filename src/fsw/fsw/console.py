@@ -24,7 +24,7 @@ def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), words
     """
     table = Table(box=None, pad_edge=False, show_header=bool(header), padding=(0, 2, 0, 0))
     for i, title in enumerate(header or [""] * len(rows[0])):
-        table.add_column(title, justify="right" if words is not None and i >= words else "left", overflow="fold")
+        table.add_column(Text(title), justify="right" if words is not None and i >= words else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
     console = Console(highlight=False)

@@ -44,10 +44,10 @@ class Cloud:
 
 def one_thread() -> AbstractContextManager[Any]:
     """Linear algebra in one thread: for matrices of this size more of them only wait for each other."""
-    return _extra("threadpoolctl").threadpool_limits(1)  # type: ignore[no-any-return]
+    return extra("threadpoolctl").threadpool_limits(1)  # type: ignore[no-any-return]
 
 
-def _extra(module: str) -> Any:
+def extra(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
@@ -70,7 +70,7 @@ class Elements:
     """
 
     def __init__(self, parameters: CanisterParameters) -> None:
-        skfem = _extra("skfem")  # only the field and the reduction need it
+        skfem = extra("skfem")  # only the field and the reduction need it
         p = self.parameters = parameters
         self.outer_m, self.inner_m = 1e-3 * p.outer_radius_mm, 1e-3 * (p.outer_radius_mm - p.wall_mm)
         self.rim_m = 1e-3 * p.rim_mm

@@ -182,7 +182,7 @@ def test_strangers_at_many_addresses_shut_no_new_page_out(server):
 
 @pytest.mark.slow
 def test_server_closes_a_request_that_trickles_in_by_the_clock(make_server):
-    server = make_server(request_s=0.3)
+    server = make_server(request_s=3.0)
     with contextlib.ExitStack() as stack:
         page = stack.enter_context(server.open())
         (late,) = half_open(server, stack, 1, HERE)

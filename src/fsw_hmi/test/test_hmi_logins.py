@@ -183,7 +183,7 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
 @pytest.mark.slow
 def test_idle_page_is_told_and_recorded(make_server, users):
     users.go_on.release(100)
-    server = make_server(key=users, rules=Rules(idle_timeout_s=0.3))
+    server = make_server(key=users, rules=Rules(idle_timeout_s=2.0))
     with server.open() as otto:
         otto.command(PASSWORD, "otto")
         server.next_order()

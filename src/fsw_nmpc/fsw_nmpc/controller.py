@@ -5,14 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from time import perf_counter
-from typing import Any, Protocol
-
-import numpy as np
+from typing import Any
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
 from fsw_control.parameters import defaults, load, problem
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus, Vector
+from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus
 from fsw_nmpc.settings import Settings
 
 _DISTURBANCES = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c")
@@ -25,16 +23,6 @@ _STATUS_TEXTS = {
     SolveStatus.OUTSIDE_BOUNDS: "solution leaves the bounds",
     SolveStatus.NOT_SOLVED: "nothing to solve",
 }
-
-
-class Solver(Protocol):
-    """Solves the problem of a tick in place of the library's own solver; for tests and benchmarks."""
-
-    name: str
-
-    def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
-        """SolveStatus, moves and the outputs they lead to; never raises on a bad problem."""
-        ...
 
 
 class NmpcController:
@@ -58,8 +46,6 @@ class NmpcController:
     ----------
     settings : Settings
     library : Library
-    solver : Solver or None
-        Used instead of the library's own while it is set.
 
     Raises
     ------
@@ -83,7 +69,6 @@ class NmpcController:
         self.settings = Settings.of(self._values)
         self._maker: threading.Thread | None = None
         self._made: tuple[Settings, Library | str] | None = None
-        self.solver: Solver | None = None
         self._failure = ""
         self._use(self.settings, _make(self.settings))
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
@@ -164,12 +149,7 @@ class NmpcController:
         inputs.n_changes = min(len(coming), len(inputs.change))
         for change, one in zip(inputs.change, coming, strict=False):
             change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
-        if self.solver is None:
-            library.step()
-        elif library.begin():
-            moves = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks]))
-            status, moves, depth_mm, temperature_c = self.solver.solve(library.problem, moves)
-            library.end(moves, depth_mm, temperature_c, status)
+        library.step()
         command = Command(outputs.force_kn, outputs.speed_rpm)
         reason = self._reason(m) if outputs.reason else self._failure
         if outputs.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
@@ -179,7 +159,7 @@ class NmpcController:
             temperature_estimate_c=outputs.temperature_c,
             torque_estimate_nm=outputs.torque_nm,
             disturbances=dict(zip(_DISTURBANCES, outputs.disturbance, strict=True)),
-            solver_status=f"{self.solver.name if self.solver else 'rti'}: {_STATUS_TEXTS[outputs.solve_status]}",
+            solver_status=f"rti: {_STATUS_TEXTS[outputs.solve_status]}",
             iterations=outputs.iterations,
             solve_time_s=perf_counter() - began,
             active_limits=self.settings.limits.active(command, applied),

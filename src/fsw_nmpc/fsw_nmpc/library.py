@@ -97,11 +97,6 @@ class Library(CController):
         super().__init__(KERNEL, lib, refusal, self._tables.model, tuning)
         self._refusal = "tuning: a value is not finite, or a minimum is not below its maximum"
 
-    @property
-    def problem(self) -> Any:
-        """The problem of the tick, a ``fsw_problem *`` into ``state``."""
-        return KERNEL.ffi.addressof(self.state, "problem")
-
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
@@ -115,53 +110,6 @@ class Library(CController):
             for block, move in enumerate(per_block.tolist()):
                 plan.moves[2 * block + i] = move
                 plan.start[2 * block + i] = 0.0 if plan.is_cold else move
-
-    def begin(self) -> bool:
-        """First half of a tick; whether there is a problem to solve (:attr:`problem`)."""
-        return bool(self.lib.fsw_nmpc_begin(self.state, self.input, self.output))
-
-    def end(self, moves: Vector, depth_mm: Vector, temperature_c: Vector, status: int) -> None:
-        """Second half, with the answer of a solver."""
-        arrays = (pointer(np.ascontiguousarray(a)) for a in (moves, depth_mm, temperature_c))
-        self.lib.fsw_nmpc_end(self.state, *arrays, status, self.output)
-
-    def predict(self, start: Any, moves: Vector) -> tuple[Vector, Vector, Vector, Vector]:
-        """Outputs and sensitivities along ``moves`` (2 n_blocks,) from a ``fsw_start *``.
-
-        Returns
-        -------
-        depth_mm, temperature_c : (n_out,) arrays
-        by_depth, by_temperature : (n_out, 2 n_blocks) arrays
-
-        Raises
-        ------
-        FloatingPointError
-            If the prediction is not finite.
-        """
-        n = self.horizon.n_out
-        found = np.zeros(n), np.zeros(n), np.zeros((n, 2 * self.horizon.n_blocks)), np.zeros((n, len(moves)))
-        if self.lib.fsw_predict(self.state, start, *(pointer(a) for a in (np.ascontiguousarray(moves), *found))):
-            raise FloatingPointError("the prediction is not finite")
-        return found
-
-    def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
-        """One real-time iteration about ``moves``; residuals and cost are in ``output``.
-
-        Parameters
-        ----------
-        problem : Any
-            A ``fsw_problem *``.
-        moves : (2 n_blocks,) array
-
-        Returns
-        -------
-        status : SolveStatus
-        moves : (2 n_blocks,) array
-        depth_mm, temperature_c : (n_out,) arrays
-        """
-        found = np.array(moves, dtype=np.float64), np.zeros(self.horizon.n_out), np.zeros(self.horizon.n_out)
-        status = self.lib.fsw_solve(self.state, problem, *map(pointer, found), self.output)
-        return SolveStatus(status), *found
 
 
 def pointer(array: NDArray[Any]) -> Any:

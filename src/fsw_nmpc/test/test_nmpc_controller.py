@@ -9,6 +9,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
 from fsw_test_support.nmpc_ipopt import ReferenceSolver
 from fsw_test_support.nmpc_loop import TARGET, Loop
+from fsw_test_support.nmpc_problems import use_solver
 
 NAN = float("nan")
 
@@ -159,7 +160,7 @@ def test_follows_another_controller_and_takes_over_without_a_bump():
 def test_reference_solver_in_the_loop_does_the_same():
     """Real-time iterations against problems solved to convergence, over a step of both set-points."""
     loops = [Loop(), Loop(converged := NmpcController())]
-    converged.solver = ReferenceSolver(converged.library, nominal())
+    use_solver(converged, ReferenceSolver(converged.library, nominal()))
     for k in range(40):
         for loop in loops:
             proposal = loop.step(TARGET if k < 3 else Reference(2.76, 822.4))

@@ -10,7 +10,7 @@ from fsw_nmpc import NmpcController
 from fsw_nmpc import controller as controller_module
 from fsw_nmpc.library import SolveStatus
 from fsw_test_support.nmpc_loop import TARGET, Loop
-from fsw_test_support.nmpc_problems import finish_changes
+from fsw_test_support.nmpc_problems import finish_changes, solve, use_solver
 
 NAN = float("nan")
 
@@ -25,7 +25,7 @@ class Broken:
 
     def solve(self, problem, moves):
         self.starts.append(np.array(moves))
-        status, found, depth, temperature = self.library.solve(problem, moves)
+        status, found, depth, temperature = solve(self.library, problem, moves)
         if self.how == "status":
             status = SolveStatus.ITERATION_CAP
         elif self.how == "nan":
@@ -41,7 +41,8 @@ class Broken:
 @pytest.mark.parametrize("how", ["status", "nan", "fast", "fast down", "beyond", "beyond below"])
 def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
     controller = NmpcController({"plan_reuse": 4})
-    controller.solver = broken = Broken(controller.library)
+    broken = Broken(controller.library)
+    use_solver(controller, broken)
     loop = Loop(controller)
     for _ in range(15):
         proposal = loop.step(Reference(2.76, 816.4))

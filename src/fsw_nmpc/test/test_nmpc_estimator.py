@@ -5,7 +5,7 @@ import pytest
 
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc.tuning import PAPER, EstimatorTuning, Tuning
-from fsw_test_support.nmpc_problems import LIMITS, make_library
+from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 P = nominal()
 NOISE = (2e-3, 2.0, 0.1)  # depth mm, torque N m, temperature degC: the emulator's sensors
@@ -44,7 +44,7 @@ class Watch:
                 given.force_kn = given.speed_rpm = NAN
             given.reference_depth_mm = given.reference_temperature_c = NAN  # only estimate
             given.dt_s = 0.1
-            assert not self.library.begin()
+            assert not begin(self.library)
             assert estimator.started
             self.innovations.append([*estimator.innovation, *estimator.expected])
             self.model.step(self.state, self.actual_force, self.speed)

@@ -9,7 +9,7 @@ from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import PAPER_GRID_S, horizon_of
 from fsw_nmpc.library import KERNEL
 from fsw_test_support.nmpc_prediction import N_START, prediction_function, start_vector
-from fsw_test_support.nmpc_problems import make_library, random_moves, random_start
+from fsw_test_support.nmpc_problems import make_library, predict, random_moves, random_start
 
 P = nominal()
 
@@ -34,7 +34,7 @@ def test_prediction_is_the_process(dead_time_s, rng):
         force, speed = force + rng.uniform(-0.5, 0.5), speed + rng.uniform(-2, 2)
         model.step(state, force, speed)
     moves = random_moves(rng, library.horizon)
-    depth, temperature, _, _ = library.predict(start_from(state, force, speed), moves)
+    depth, temperature, _, _ = predict(library, start_from(state, force, speed), moves)
     grid, tick = PAPER_GRID_S, 0
     for k, (df, dn) in enumerate(moves.reshape(-1, 2)):
         force, speed = force + df, speed + dn
@@ -51,13 +51,13 @@ def test_dead_time_is_exact(library, rng):
     """No move acts on the temperature before 2.8 s; each power of the history arrives when its time has come."""
     h = library.horizon
     start, still = random_start(rng, h, P), np.zeros(2 * h.n_blocks)
-    _, temperature, _, by_temperature = library.predict(start, still)
+    _, temperature, _, by_temperature = predict(library, start, still)
     early = h.time_s < 2.8 + 1e-9
     assert not by_temperature[early].any()
     assert by_temperature[~early].any(axis=1).all()
     for tick in (0, 13, 27):
         start.history[3 * tick] += 10.0
-        _, changed, _, _ = library.predict(start, still)
+        _, changed, _, _ = predict(library, start, still)
         start.history[3 * tick] -= 10.0
         first = int(np.nonzero(np.abs(changed - temperature) > 1e-12)[0][0])
         assert h.time_s[first] == pytest.approx(0.1 * (tick + 1))
@@ -75,7 +75,7 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
-        depth, temperature, by_depth, by_temperature = library.predict(start, moves)
+        depth, temperature, by_depth, by_temperature = predict(library, start, moves)
         values, slopes = both(moves, start_vector(start), list(start.history[0 : 3 * h.n_history]))
         assert np.concatenate([depth, temperature]) == pytest.approx(values.full().ravel(), rel=1e-12)
         assert np.vstack([by_depth, by_temperature]) == pytest.approx(slopes.full(), rel=1e-9, abs=1e-11)

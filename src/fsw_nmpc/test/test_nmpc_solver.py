@@ -11,7 +11,7 @@ from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
-from fsw_test_support.nmpc_problems import LIMITS, make_library, random_moves, random_problem
+from fsw_test_support.nmpc_problems import LIMITS, make_library, predict, random_moves, random_problem, solve
 
 P = nominal()
 
@@ -21,7 +21,7 @@ def cold(library):
 
 
 def cost_of(library, problem, moves):
-    depth, temperature, _, _ = library.predict(KERNEL.ffi.addressof(problem, "start"), moves)
+    depth, temperature, _, _ = predict(library, KERNEL.ffi.addressof(problem, "start"), moves)
     return objective(problem, library.state.tuning, library.horizon, moves, depth, temperature)
 
 
@@ -38,7 +38,7 @@ def test_converged_iterations_reach_the_oracle(library):
         found = objective(problem, library.state.tuning, library.horizon, best, depth, temperature)
         moves = cold(library)
         for _ in range(12):
-            _, after, _, _ = library.solve(problem, moves)
+            _, after, _, _ = solve(library, problem, moves)
             if np.abs(after - moves).max() < 1e-9:
                 break
             moves = after
@@ -48,7 +48,7 @@ def test_converged_iterations_reach_the_oracle(library):
 def test_kkt_residuals(library, rng):
     for _ in range(40):
         problem = random_problem(rng, library, P)
-        status, _, _, _ = library.solve(problem, cold(library))
+        status, _, _, _ = solve(library, problem, cold(library))
         told = library.output
         loss = 1e-6 * (1.0 + abs(told.cost))
         assert status is SolveStatus.OK
@@ -64,13 +64,13 @@ def test_no_feasible_point_is_better(library20, rng):
     for _ in range(4):
         problem = random_problem(rng, library20, P)
         tuning = library20.state.tuning
-        z0, t0, by_z, by_t = library20.predict(KERNEL.ffi.addressof(problem, "start"), cold(library20))
+        z0, t0, by_z, by_t = predict(library20, KERNEL.ffi.addressof(problem, "start"), cold(library20))
 
         def cost(moves, problem=problem, tuning=tuning, at=(z0, t0), by=(by_z, by_t)):
             outputs = (at[i] + by[i] @ moves for i in range(2))
             return objective(problem, tuning, h, moves, *outputs)
 
-        _, best, _, _ = library20.solve(problem, cold(library20))
+        _, best, _, _ = solve(library20, problem, cold(library20))
         low, high = input_bounds(problem, tuning, h)
         for _ in range(200):
             trial = np.clip(best / largest + rng.normal(0.0, 10.0 ** rng.uniform(-5, 0), 40), -1.0, 1.0) * largest
@@ -90,7 +90,7 @@ def test_limits_hold_always(library20, seed):
         problem.start.force_kn, problem.start.speed_rpm = rng.choice([60.0, 95.0]), rng.choice([300.0, 500.0])
     elif edge < 0.4:
         problem.start.force_kn, problem.start.speed_rpm = rng.choice([58.5, 96.5]), rng.choice([290.0, 510.0])
-    status, moves, _, _ = library20.solve(problem, random_moves(rng, h))
+    status, moves, _, _ = solve(library20, problem, random_moves(rng, h))
     assert status is SolveStatus.OK
     pairs = moves.reshape(-1, 2) / h.block_reach[:, None]
     assert np.abs(pairs[:, 0]).max() <= 1.0 + 1e-6 and np.abs(pairs[:, 1]).max() <= 3.0 + 3e-6
@@ -104,7 +104,7 @@ def test_limits_hold_always(library20, seed):
 def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
     """No exception, no hang; the answer is refused, and the next good problem is solved as if nothing had been."""
     good = random_problem(rng, library20, P, Tuning())
-    _, expected, _, _ = library20.solve(good, cold(library20))
+    _, expected, _, _ = solve(library20, good, cold(library20))
     problem, moves = random_problem(rng, library20, P, Tuning()), cold(library20)
     if where == "state":
         problem.start.x[3] = bad
@@ -118,10 +118,10 @@ def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
         problem.start.torque_scale = bad
     else:
         problem.start.force_kn = bad
-    status, _, _, _ = library20.solve(problem, moves)
+    status, _, _, _ = solve(library20, problem, moves)
     # a finite start is clipped to the limits, however far off it is
     assert status is not SolveStatus.OK or (where == "start" and np.isfinite(bad))
-    status, again, _, _ = library20.solve(good, cold(library20))
+    status, again, _, _ = solve(library20, good, cold(library20))
     assert status is SolveStatus.OK
     assert again.tobytes() == expected.tobytes()
 
@@ -133,7 +133,7 @@ def test_a_poisoned_start_costs_no_quality(library20, rng):
         moves = {"cold": cold(library20), "poisoned": 5.0 * random_moves(rng, library20.horizon)}
         for name in moves:
             for _ in range(8):
-                status, moves[name], _, _ = library20.solve(problem, moves[name])
+                status, moves[name], _, _ = solve(library20, problem, moves[name])
                 assert status is SolveStatus.OK
         costs = [cost_of(library20, problem, m) for m in moves.values()]
         assert costs[1] == pytest.approx(costs[0], rel=1e-4, abs=1e-4)
@@ -142,7 +142,7 @@ def test_a_poisoned_start_costs_no_quality(library20, rng):
 def test_iterations_are_capped(rng):
     short = make_library(20, max_iterations=3)
     problem = random_problem(rng, short, P)
-    status, _, _, _ = short.solve(problem, cold(short))
+    status, _, _, _ = solve(short, problem, cold(short))
     assert status is SolveStatus.ITERATION_CAP
     assert short.output.iterations == 3
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_nmpc.tuning import PAPER, Tuning
-from fsw_test_support.nmpc_problems import LIMITS, make_library
+from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 NAN = float("nan")
 
@@ -30,7 +30,7 @@ def trajectories(library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks
     for i, change in enumerate(changes):
         given_.change[i] = change
     for _ in range(ticks):
-        assert library.begin()
+        assert begin(library)
     given_.n_changes = 0
     problem = library.state.problem
     low, high = (np.array([list(row[0 : h.n_out]) for row in side]) for side in (problem.low, problem.high))

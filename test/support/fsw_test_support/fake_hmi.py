@@ -311,9 +311,15 @@ class FakeHmi:
         return JSONResponse({"columns": [*COLUMNS, "mode", "controller"], "rows": bag["rows"]})
 
 
+SAFE_STOP = (
+    "Safe stop: hold for 10 s: took over: 2 ticks went unanswered (too many swaps in 30 s; nmpc failed: no proposal)"
+)
+
+
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
+        _alarm("safe_stop", SAFE_STOP, "high", "active", now_s - 9, first="Sensor thermocouple: no samples come"),
         _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
         _alarm("failover", "decentral commands in place of nmpc: nmpc was late 3 times", "medium", "active", now_s - 9),

@@ -1,8 +1,8 @@
-"""Random problems of the NMPC over the whole working range."""
+"""The NMPC's problem by itself: predicted, solved, by another solver; random ones over the whole working range."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.horizon import Horizon, horizon_of
-from fsw_nmpc.library import KERNEL, Library
+from fsw_nmpc.library import KERNEL, Library, SolveStatus, pointer
 from fsw_nmpc.tuning import PAPER, Tuning
 
 Vector = NDArray[np.float64]
@@ -29,6 +29,60 @@ def make_library(
     p = parameters or nominal()
     struct = (tuning or Tuning()).struct(LIMITS, max_iterations)
     return Library(p, horizon or horizon_of(p, blocks), struct)
+
+
+class Solver(Protocol):
+    """Solves the problem of a tick in place of the library's own solver."""
+
+    def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
+        """SolveStatus, moves and the outputs they lead to; never raises on a bad problem."""
+        ...
+
+
+def use_solver(controller: NmpcController, solver: Solver) -> None:
+    """Let a controller solve its problems by another solver, as long as its horizon stays."""
+    library = controller.library
+
+    def step() -> None:
+        if begin(library):
+            moves = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks]))
+            status, *found = solver.solve(problem_of(library), moves)
+            arrays = (pointer(np.ascontiguousarray(one)) for one in found)
+            library.lib.fsw_nmpc_end(library.state, *arrays, status, library.output)
+
+    library.step = step  # type: ignore[method-assign]
+
+
+def problem_of(library: Library) -> Any:
+    """The problem of the tick, a ``fsw_problem *`` into the library's state."""
+    return KERNEL.ffi.addressof(library.state, "problem")
+
+
+def begin(library: Library) -> bool:
+    """First half of a tick; whether there is a problem to solve."""
+    return bool(library.lib.fsw_nmpc_begin(library.state, library.input, library.output))
+
+
+def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+    """Outputs (n_out,) and their sensitivities (n_out, 2 n_blocks) along moves (2 n_blocks,) from a ``fsw_start *``.
+
+    Raises
+    ------
+    FloatingPointError
+        If the prediction is not finite.
+    """
+    n = library.horizon.n_out
+    found = np.zeros(n), np.zeros(n), np.zeros((n, 2 * library.horizon.n_blocks)), np.zeros((n, len(moves)))
+    if library.lib.fsw_predict(library.state, start, *(pointer(a) for a in (np.ascontiguousarray(moves), *found))):
+        raise FloatingPointError("the prediction is not finite")
+    return found
+
+
+def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
+    """One real-time iteration about ``moves`` (2 n_blocks,): status, moves, outputs; the rest is in ``output``."""
+    found = np.array(moves, dtype=np.float64), np.zeros(library.horizon.n_out), np.zeros(library.horizon.n_out)
+    status = library.lib.fsw_solve(library.state, problem, *map(pointer, found), library.output)
+    return SolveStatus(status), *found
 
 
 def finish_changes(controller: NmpcController, timeout_s: float = 60.0) -> None:

@@ -3,7 +3,6 @@ import { choiceField, openForm, textField } from "./dialog.js";
 import { byId, el, panel, renew, scroll, setShort, setText } from "./dom.js";
 import { clock, SIGN } from "./format.js";
 
-const STATE = { active: "not acknowledged", acknowledged: "acknowledged", cleared: "gone", shelved: "shelved" };
 const SHELVES_MIN = [5, 20, 60];
 const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active" || state === "cleared";
 
@@ -44,11 +43,12 @@ export class Alarms {
   /** @param {Alarm} alarm @param {boolean} open */
   #entry(alarm, open) {
     const { id, text, consequence, advice, priority, state } = alarm;
-    const what = el("span", { className: "what" }, el("strong", { title: text }, text), " ", el("span", { className: "detail" }, detail(alarm, open)));
+    const [head, why] = text.split(/(: .*)/);
+    const told = detail(alarm, open);
+    const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ?? ""), " ", el("span", { className: "detail", title: told }, told));
     const summary = el("summary", { onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
     summary.dataset.alarm = id;
-    const more = [consequence, `→ ${advice}`].map((line) => el("p", {}, line));
-    return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, ...more), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
+    return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, el("p", {}, `${consequence} → ${advice}`)), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
 
   #open(/** @type {Event} */ event, /** @type {string} */ id) {
@@ -97,10 +97,9 @@ function detail({ priority, state, count, chatters, first_out: firstOut, first, 
   if (state === "cleared" && !open) return clock(raised);
   const parts = [count > 1 ? `${clock(firstS)} – ${clock(raised)}` : clock(raised), priority];
   if (state === "shelved") parts.push(`shelved until ${clock(until)}`, ...(open ? [shelved] : []));
-  else if (state !== "active" || open) parts.push(STATE[state]);
+  else if (state !== "active") parts.push(state === "cleared" ? "gone" : state);
   if (count > 1) parts.push(`${count} times`);
-  if (chatters) parts.push("comes and goes");
-  if (firstOut) parts.push("first out");
+  parts.push(chatters ? "comes and goes" : "", firstOut ? "first out" : "");
   if (first && first !== text) parts.push(`first: ${first}`);
-  return parts.join(" · ");
+  return parts.filter(Boolean).join(" · ");
 }

@@ -37,7 +37,7 @@ class Bar {
   update(value, aim, plan) {
     const { spec } = this;
     setText(this.value, fixed(value, spec.digits));
-    const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, spec.digits)})` : "";
+    const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, Math.abs(value - aim) < 99.5 ? spec.digits : 0)})` : "";
     setText(this.aim, spec.aim ? `${spec.aimName} ${fixed(aim, spec.digits)}${difference}` : "");
     const differs = known(plan) && !(Math.abs(plan - (aim ?? NaN)) <= (spec.rampPerS ?? 0)); // in a ramp the two are told up to a second apart
     const sign = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";

@@ -1,5 +1,5 @@
 // Health of the controllers, of the other parts and of the data itself.
-import { el, panel, renew, scroll, setText } from "./dom.js";
+import { el, panel, renew, scroll, setShort, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
@@ -21,13 +21,12 @@ export class Controllers {
     const parts = state.parts.filter((part) => part.level !== "ok").map((part) => ({ level: part.level, text: `${part.name}: ${part.text}` }));
     const locks = state.interlocks.map((name) => ({ level: name.endsWith(":warn") ? "warn" : "error", text: `interlock ${name}` }));
     const healthy = { level: "ok", text: state.parts.length ? `all ${state.parts.length} parts report well` : "no diagnostics" };
-    const all = [...locks, ...notes, ...parts];
-    renew(this.notes, JSON.stringify([all, healthy]), () => (all.length ? all : [healthy]).map(note));
+    const all = locks.length + notes.length + parts.length ? [...locks, ...notes, ...parts] : [healthy];
+    renew(this.notes, JSON.stringify(all), () => all.map(note));
   }
 
-  /** @param {Values} values @param {Value} tickAgeS */
-  time({ solve_ms: solveMs, latency_ms: latencyMs }, tickAgeS) {
-    setText(this.timing, `latency ${fixed(latencyMs, 0)} · solve ${fixed(solveMs, 0)} ms · age ${fixed(tickAgeS, 1)} s`);
+  time(/** @type {Values} */ { solve_ms: solveMs, latency_ms: latencyMs }) {
+    setText(this.timing, `latency ${fixed(latencyMs, 0)} ms · solve ${fixed(solveMs, 0)} ms`);
   }
 }
 
@@ -41,7 +40,8 @@ function row(/** @type {Health} */ one, /** @type {State} */ state) {
 }
 
 function note(/** @type {Note} */ { level, text }) {
-  const made = el("li", { title: text }, LEVEL_SIGN[level] ? `${LEVEL_SIGN[level]} ${text}` : text);
+  const made = el("li");
+  setShort(made, `${LEVEL_SIGN[level] ?? ""} ${text}`.trim());
   made.dataset.level = level;
   return made;
 }

@@ -55,7 +55,7 @@ export class LivePage {
   }
 
   #show() {
-    this.status.tell(this.state);
+    if (this.state !== UNKNOWN) this.status.tell(this.state);
     this.status.progress.update(this);
     this.controllers.update(this.state);
     this.commands.update();
@@ -100,7 +100,7 @@ export class LivePage {
   #judge() {
     if (!this.connection.live || !this.hello) return;
     this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, tickAgeS: this.tickAgeS }));
-    this.controllers.time(this.values, this.tickAgeS);
+    this.controllers.time(this.values);
     document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
   }
 

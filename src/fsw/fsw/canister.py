@@ -1,0 +1,246 @@
+"""``fsw.py canister``: the heat of a weld in the canister, as table, figure, film, VTK files and thermocouples."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from math import isfinite, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fsw.console import print_table
+from fsw.errors import CommandError
+from fsw.outputs import add_force, check_new, default_folder, new_folder
+from fsw.progress import ProgressBar
+from fsw_schema.models import InputError
+
+if TYPE_CHECKING:
+    from fsw.canister_weld import CanisterWeld
+    from fsw_canister.history import HeatHistory
+
+_SCENARIO = "canister_weld_heat"
+#: moments that are shown where none is given, as shares of these phases; of the whole where there are none of them
+_MOMENTS = {"start": 0.9, "joint_line": 0.5, "overlap": 0.9}
+_ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "canister",
+        help="heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
+        description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
+        "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
+        "table over time and prints the temperatures of each phase.",
+    )
+    parser.add_argument(
+        "bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"
+    )
+    parser.add_argument("--power", type=float, metavar="KW", help="constant power (default: the paper's, 43.6 kW)")
+    parser.add_argument("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})")
+    parser.add_argument(
+        "--canister", type=Path, metavar="FILE", help="parameters of the canister (YAML) instead of the scenario's"
+    )
+    parser.add_argument(
+        "--probe",
+        action="append",
+        default=[],
+        metavar="R,ANGLE,Z",
+        help="virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]; may be "
+        "repeated, e.g. 525,90,-50",
+    )
+    parser.add_argument(
+        "--at",
+        action="append",
+        default=[],
+        type=float,
+        metavar="S",
+        help="moment for --figure and --vtk; may be repeated (default: in the lid, on the joint line, in the overlap)",
+    )
+    parser.add_argument(
+        "--csv", type=Path, metavar="FILE", help="table over time (default out/<date>_canister/heat.csv)"
+    )
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="surface, section and curves in one figure")
+    parser.add_argument("--film", type=Path, metavar="FILE", help="film of the weld, .gif, or .mp4 where ffmpeg is")
+    parser.add_argument("--vtk", type=Path, metavar="DIR", help="temperatures of the whole geometry for ParaView")
+    add_force(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    _check(arguments)
+    from fsw.canister_weld import programmed, recorded
+
+    if arguments.bag is not None:
+        weld = recorded(arguments.bag)
+    else:
+        weld = programmed(arguments.scenario or _SCENARIO, arguments.canister, arguments.power)
+    moments_s = _moments(arguments, weld)
+    history, probes, step_us = _computed(arguments, weld)
+    table = arguments.csv or default_folder("canister") / "heat.csv"
+    _write_table(table, history, probes)
+    written = [f"{table}: temperatures over time, {history.kept_s.size} rows"]
+    written += _pictures(arguments, weld, history, probes, moments_s)
+    _print(weld, history, step_us)
+    print("\n".join(written))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse what cannot be done, before any work."""
+    given = [name for name in _ONLY_WITHOUT_BAG if getattr(arguments, name) is not None]
+    if arguments.bag is not None and given:
+        raise CommandError(f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself")
+    if arguments.power is not None and not 0.0 <= arguments.power <= 200.0:
+        raise CommandError(f"--power {arguments.power:g}: must be 0 to 200 kW")
+    if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
+        raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
+    if arguments.film is not None:
+        if arguments.film.suffix.lower() not in (".gif", ".mp4"):
+            raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")
+        from fsw_analysis.heat_figures import can_film
+
+        if not can_film(arguments.film):
+            raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
+    check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
+    for text in arguments.probe:
+        _place(text)
+
+
+def _place(text: str) -> tuple[float, float, float]:
+    """Radius [mm], angle [rad] and height [mm] of a thermocouple."""
+    try:
+        r, degrees, z = map(float, text.split(","))
+    except ValueError:
+        raise CommandError(f"--probe {text}: give radius, angle and height as R,ANGLE,Z, e.g. 525,90,-50") from None
+    if not isfinite(r + degrees + z):
+        raise CommandError(f"--probe {text}: not finite")
+    return r, radians(degrees), z
+
+
+def _words(text: str) -> str:
+    r, degrees, z = map(float, text.split(","))
+    return f"{r:g} mm, {degrees:g}°, {z:+g} mm"
+
+
+def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
+    end_s = weld.phases[-1][2]
+    if late := next((one for one in arguments.at if not 0.0 <= one <= end_s), None):
+        raise CommandError(f"--at {late:g}: the weld lasts from 0 to {end_s:.0f} s")
+    spans = {name: (begin, end) for name, begin, end in weld.phases}
+    named = [
+        spans[name][0] + share * (spans[name][1] - spans[name][0]) for name, share in _MOMENTS.items() if name in spans
+    ]
+    return sorted(arguments.at) or named or [share * end_s for share in _MOMENTS.values()]
+
+
+def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[str, Any], float]:
+    """The heat over time, the thermocouples by name, and what a step took [us]."""
+    from fsw_canister import load_or_reduce
+    from fsw_canister.elements import Elements
+    from fsw_canister.history import heat_history
+    from fsw_model import STEP_S
+
+    places = [_place(text) for text in arguments.probe]
+    elements = Elements(weld.parameters) if places else None
+    for text, (r, _, z) in zip(arguments.probe, places, strict=True):
+        try:
+            assert elements is not None
+            elements.at(1e-3 * r, 1e-3 * z)
+        except InputError as error:
+            raise CommandError(f"--probe {text}: {error}") from None
+    with ProgressBar("heat conduction in the canister") as bar:
+        canister = load_or_reduce(weld.parameters, progress=lambda share, _: bar(share))
+    start = weld.start(canister)
+    with ProgressBar(weld.name) as bar:
+        began = time.perf_counter()
+        history = heat_history(canister, start, weld.course, STEP_S, bar)
+        step_us = 1e6 * (time.perf_counter() - began) / history.time_s.size
+    columns = history.thermocouples(places).T if places else ()
+    return history, dict(zip(arguments.probe, columns, strict=True)), step_us
+
+
+def _write_table(table: Path, history: HeatHistory, probes: dict[str, Any]) -> None:
+    """A row a second; of each thermocouple a column."""
+    import numpy as np
+
+    from fsw_analysis.export import write_table
+
+    at = np.searchsorted(history.time_s, history.kept_s[1:] - 1e-6)
+    course = history.course
+    columns = {
+        "time_s": np.round(history.time_s[at], 3),
+        "power_kw": course.power_kw[at],
+        "stir_zone_c": history.stir_zone_c[at],
+        "tool_angle_deg": np.degrees(history.angle_rad[at]),
+        "tool_axial_mm": course.axial_mm[at],
+    }
+    columns |= {f"probe {text} [degC]": values[1:] for text, values in probes.items()}
+    table.parent.mkdir(parents=True, exist_ok=True)
+    write_table(columns, table)
+
+
+def _pictures(
+    arguments: argparse.Namespace,
+    weld: CanisterWeld,
+    history: HeatHistory,
+    probes: dict[str, Any],
+    moments_s: Sequence[float],
+) -> list[str]:
+    """Write what is wanted; what each file has, in words."""
+    words = []
+    if arguments.figure is not None or arguments.film is not None:
+        from fsw_analysis.heat_figures import FILM_FPS, FILM_FRAMES, HeatPicture, draw_heat, film_heat
+
+        named = {_words(text): values for text, values in probes.items()}
+        picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
+        if arguments.figure is not None:
+            _in_place(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
+            words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
+        if arguments.film is not None:
+            with ProgressBar("film") as bar:
+                _in_place(arguments.film, lambda part: film_heat(picture, part, bar))
+            words.append(f"{arguments.film}: film of {FILM_FRAMES / FILM_FPS:.0f} s")
+    if arguments.vtk is not None:
+        from fsw_canister.vtk import write_vtk
+
+        files = write_vtk(history, moments_s, new_folder(arguments.vtk, "canister", "--vtk"))
+        words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
+    return words
+
+
+def _in_place(file: Path, write: Callable[[Path], None]) -> None:
+    """Write a file that is there only when it is whole."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.stem}.part{file.suffix}")
+    try:
+        write(part)
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:
+    """What was computed, and the temperatures of each phase."""
+    p, canister, last = weld.parameters, history.canister, history.states[-1]
+    print(f"{weld.name}: outer radius {p.outer_radius_mm:g} mm, wall {p.wall_mm:g} mm, lid {p.lid_mm:g} mm")
+    stored_mj = 1e-6 * canister.stored_j(last)
+    print(f"{canister.states} states, {step_us:.0f} us a step; {stored_mj:.1f} MJ in the copper at the end")
+    if weld.stir_zone_c is not None:
+        largest = abs(history.stir_zone_c - weld.stir_zone_c).max()
+        print(f"the stir zone differs from that in the bag by at most {largest:.2f} degC")
+    rows = []
+    for name, begin_s, end_s in weld.phases:
+        inside = (history.time_s > begin_s) & (history.time_s <= end_s + 1e-6)
+        if inside.any():
+            stir, power = history.stir_zone_c[inside], history.course.power_kw[inside]
+            values = (begin_s, end_s, power.mean(), stir.min(), stir.mean(), stir.max())
+            rows.append(
+                (
+                    name.replace("_", " "),
+                    *(f"{one:.{digits}f}" for one, digits in zip(values, (0, 0, 1, 0, 0, 0), strict=True)),
+                )
+            )
+    header = ("phase", "from [s]", "to [s]", "power [kW]", "stir zone min [degC]", "mean", "max")
+    print_table(rows, header, 1)

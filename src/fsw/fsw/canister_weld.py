@@ -1,0 +1,141 @@
+"""What heats a canister: a constant power along a scenario's path, or what the bag of a weld has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fsw.bags import read_weld
+from fsw.errors import CommandError
+from fsw_analysis.phase_kpi import Span, recorded_spans
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_canister import CanisterParameters, CanisterState, ReducedCanister
+from fsw_canister.history import ToolCourse
+from fsw_model import STEP_S, nominal
+from fsw_plant import PlantConfig
+from fsw_plant.tool_path import Motion, ToolPath, Waypoint
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.weld_programme import MM_PER_DEG, spans
+
+#: in which heating-up before the first tick must come to an end
+_LONGEST_HEATING_S = 3600.0
+#: what is said of the angle is held until the next report, each second; a longer pause is a hold
+_REPORT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CanisterWeld:
+    """A weld whose heat is computed.
+
+    Attributes
+    ----------
+    name : str
+    parameters : CanisterParameters
+    phases : sequence of Span
+    course : ToolCourse
+    heated : tuple of float or None
+        Power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold.
+    stir_zone_c : array or None
+        The stir zone's temperature as recorded, for comparison.
+    """
+
+    name: str
+    parameters: CanisterParameters
+    phases: Sequence[Span]
+    course: ToolCourse
+    heated: tuple[float, float] | None = None
+    stir_zone_c: FloatArray | None = None
+
+    def start(self, canister: ReducedCanister) -> CanisterState:
+        """The canister before the first step."""
+        height_mm, speed = float(self.course.axial_mm[0]), float(self.course.traverse_mm_per_s[0])
+        state = canister.initial(axial_mm=height_mm)
+        if self.heated is None:
+            return state
+        power_kw, until_c = self.heated
+        for _ in range(round(_LONGEST_HEATING_S / STEP_S)):
+            if canister.stir_zone_temperature_c(state) >= until_c:
+                return state
+            state = canister.step(state, power_kw, speed, height_mm, STEP_S)
+        raise CommandError(
+            f"{self.name}: {power_kw:g} kW do not heat the canister to the bag's first {until_c:.0f} degC"
+        )
+
+
+def programmed(scenario_name: str, canister: Path | None, power_kw: float | None) -> CanisterWeld:
+    """A constant power along the path of a scenario, from a cold canister."""
+    scenario = load(scenario_name)
+    config = PlantConfig.from_values(scenario.plant)
+    parameters = CanisterParameters.from_file(canister) if canister is not None else config.canister
+    if parameters is None:
+        raise CommandError(f"scenario {scenario.name} has no process: canister; give another one")
+    steps = round(scenario.duration_s / STEP_S)
+    kw = nominal().operating_power_kw if power_kw is None else power_kw
+    phases = spans(scenario.phases) if scenario.phases else [("weld", 0.0, scenario.duration_s)]
+    speed, axial = _motion(_path(scenario.path, config), np.arange(steps, dtype=np.float64) * STEP_S)
+    return CanisterWeld(
+        f"{scenario.name}, {kw:.3g} kW from cold", parameters, phases, ToolCourse(np.full(steps, kw), speed, axial)
+    )
+
+
+def recorded(bag: Path) -> CanisterWeld:
+    """The power, the path and the canister of a bag."""
+    signals = read_weld(bag)
+    text = signals.attachments.get("scenario.yaml")
+    scenario = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag") if text else None
+    config = PlantConfig.from_values(scenario.plant) if scenario else None
+    if scenario is None or config is None or config.canister is None:
+        raise CommandError(f"{bag}: not of a weld on a plant with process: canister; leave the bag out for --power")
+    truth = signals.truth
+    known = truth is not None and np.isfinite(truth.process_power_kw) & np.isfinite(truth.copper_temperature_c)
+    if truth is None or np.count_nonzero(known) < 2:
+        raise CommandError(f"{bag}: has no /fsw/plant/truth, which has the power")
+    time_s = np.arange(signals.time_s[known][0], signals.time_s[known][-1] + 0.5 * STEP_S, STEP_S)
+    power_kw, stir_zone_c = (
+        np.interp(time_s, signals.time_s[known], values[known])
+        for values in (truth.process_power_kw, truth.copper_temperature_c)
+    )
+    speed, axial = _motion_of(signals, scenario, config, time_s)
+    phases = recorded_spans(signals) or [("weld", 0.0, float(time_s[-1]))]
+    return CanisterWeld(
+        f"{scenario.name}, power of the bag",
+        config.canister,
+        phases,
+        ToolCourse(np.maximum(0.5 * (power_kw[1:] + power_kw[:-1]), 0.0), speed, axial),
+        (config["start.power_kw"], float(stir_zone_c[0])),
+        stir_zone_c[1:],
+    )
+
+
+def _path(points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
+    return ToolPath(points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"]))
+
+
+def _motion(path: ToolPath, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Speed and height in the steps that begin at times."""
+    motions = [path.motion(at_s) for at_s in time_s.tolist()]
+    return np.array([one.traverse_mm_per_s for one in motions]), np.array([one.axial_mm for one in motions])
+
+
+def _motion_of(
+    signals: WeldSignals, scenario: Scenario, config: PlantConfig, time_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Speed and height between the times; by the angle where a programme was played, for it may have been held."""
+    told = np.flatnonzero(np.isfinite(signals.angle_deg))
+    if not told.size:
+        return _motion(_path(scenario.path, config), time_s[:-1] - STEP_S)  # the first tick is at 0.1 s
+    angle, at_s = signals.angle_deg[told], signals.time_s[told]
+    new = np.flatnonzero(np.diff(angle, prepend=angle[0] - 1.0))
+    points = {}
+    for before, i in zip([new[0], *new[:-1]], new, strict=True):
+        if at_s[i] - at_s[before] > 1.5 * _REPORT_S:  # it stood
+            points[float(at_s[i]) - _REPORT_S] = float(angle[before])
+        points[float(at_s[i])] = float(angle[i])
+    arc = MM_PER_DEG * np.interp(time_s, list(points), list(points.values()))
+    corners = [one for one in scenario.path if one.arc_mm > 0.0 or one is scenario.path[0]]
+    axial = np.interp(arc, [one.arc_mm for one in corners], [one.axial_mm for one in corners])
+    return np.diff(arc) / STEP_S, axial[1:]
