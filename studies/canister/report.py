@@ -24,10 +24,9 @@ _FIGURES = {
     "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
-    "slowest_s": ("time at the drives' lowest speed [% of the phase]", 100.0, ".1f"),
 }
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
-_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s", "slowest_s")
+_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -96,13 +95,6 @@ def responses(found: Mapping[str, Any]) -> list[list[str]]:
     return rows + [[name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)] for name, of in found.items()]
 
 
-def lags(found: Mapping[str, Any]) -> list[list[str]]:
-    """Gain and lag of a single lag that fits the steps."""
-    within = next(iter(found.values()))["lags"]
-    rows = [["one lag that fits the step", *(f"first {t} s" for t in within)]]
-    return rows + [[name, *(f"{g:.1f} °C/kW, {t:.1f} s" for g, t in of["lags"].values())] for name, of in found.items()]
-
-
 def draw(data: Mapping[str, Any], path: Path) -> None:
     """Steps, the needed power over the weld, and the verdict by phase."""
     from matplotlib.figure import Figure
@@ -140,7 +132,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     draw(data, figure)
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
-    functions = [table, shares, figures, identified, responses, lags]
+    functions = [table, shares, figures, identified, responses]
     text = environment.get_template("canister.md.j2").render(
         **data, limits=limits, **{one.__name__: one for one in functions}
     )

@@ -75,7 +75,7 @@ def test_an_experiment_begins_after_the_welding_before_it():
 
 
 def test_the_page_is_written(tmp_path):
-    lags = {"rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0), "lags": {"60": (18.1, 30.5)}}
+    lags = {"rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0), "lags": {"120": (18.1, 30.5)}}
     weld = {
         "minutes_kw": [50.0] * 45,
         "minutes_rpm": [450.0] * 45,
@@ -85,7 +85,7 @@ def test_the_page_is_written(tmp_path):
     known = {"lid, early": {name: (1.0, 0.1) for name in validation.THERMAL}}
     rows = [made(0, controller, True) for controller in report.CONTROLLERS]
     data = {
-        "validation": {"steps": {"paper (16)": lags}, "identified": known, "weld": weld},
+        "validation": {"steps": {"paper (16)": lags, "lid": lags}, "identified": known, "weld": weld},
         "verdict": report.summary(json.loads(json.dumps(rows))),
     }
     page, figure = report.write(data, tmp_path)
