@@ -1,7 +1,6 @@
 """The emulator as a whole: order of a tick, determinism, mismatch, end of the process, reset."""
 
 import random
-import time
 from itertools import pairwise
 from math import exp, isfinite, nan, pi
 
@@ -335,17 +334,3 @@ def test_whatever_comes_the_drives_stay_within_their_limits(junk):
 
 
 PLANT = PlantEmulator()
-
-
-def test_a_tick_is_cheap():
-    plant = PlantEmulator()
-    hold = plant.applied
-    best = 1.0
-    for _ in range(5):  # the best of some: other processes share the machine
-        begin = time.perf_counter()
-        for _ in range(1000):
-            plant.measure()
-            plant.apply(hold)
-            plant.step()
-        best = min(best, (time.perf_counter() - begin) / 1000)
-    assert best < 100e-6  # about 10 us; loose, so that it fails only when the hot path is spoilt
