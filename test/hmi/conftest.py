@@ -1,6 +1,7 @@
 """A browser for the tests of the page."""
 
 import re
+from functools import partial
 
 import pytest
 from playwright.sync_api import expect
@@ -33,10 +34,10 @@ def browser():
         yield made
 
 
-def _patient(route):
+def _patient(silence_ms, route):
     """Serve the script with ten minutes in place of a second: on a busy machine a page may stand still."""
     response = route.fetch()
-    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "600_000", response.text())
+    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", str(silence_ms), response.text())
     assert count == 2
     route.fulfill(response=response, body=text)
 
@@ -49,11 +50,11 @@ def open_page(browser):
     """
     errors, contexts = [], []
 
-    def opened(url, width=1280, height=800, patient=True):
+    def opened(url, width=1280, height=800, patient=True, silence_ms=600_000):
         contexts.append(browser.new_context(viewport={"width": width, "height": height}))
         page = contexts[-1].new_page()
         if patient:
-            page.route("**/connection.js*", _patient)
+            page.route("**/connection.js*", partial(_patient, silence_ms))
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda line: errors.append(line.text) if "Content Security Policy" in line.text else None)

@@ -139,7 +139,7 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
 
 @pytest.mark.requirement("S16")
 def test_silent_connection_is_told_and_comes_back(fake, open_page):
-    page = ready(open_page(fake.url, patient=False))
+    page = ready(open_page(fake.url, silence_ms=6000))
     fake.silent = True
     expect(page.locator("#veil-text")).to_contain_text("Frozen: no news since")
     fake.silent = False
