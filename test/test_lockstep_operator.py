@@ -85,13 +85,15 @@ def test_controllers(patient):
     patient("controllers", words=("active decentral", "ready"))
 
 
-def test_reference_keeps_what_is_left_out(fsw):
-    code, printed, _ = fsw("reference", "--depth", "2.67")
-    assert (code, printed) == (0, "set-points 2.67 mm, 816.4 degC\n")
-    code, printed, _ = fsw("reference", "--temperature", "817")
-    assert (code, printed) == (0, "set-points 2.67 mm, 817 degC\n"), "the sender of the depth has left"
-    code, printed, _ = fsw("status")
-    assert "set-point 2.67 mm" in printed and "set-point 817 degC" in printed
+def test_reference_keeps_what_is_left_out(fsw, patient):
+    code, _, error = fsw("reference", "--depth", "2.67")
+    assert (code, "hold the programme first" in error) == (1, True)
+    patient("weld", "hold")
+    assert patient("reference", "--depth", "2.67") == "set-points 2.67 mm, 816.4 degC\n"
+    printed = patient("reference", "--temperature", "817")
+    assert printed == "set-points 2.67 mm, 817 degC\n", "the sender of the depth has left"
+    patient("status", words=("set-point 2.67 mm", "set-point 817 degC"))
+    patient("weld", "resume")
 
 
 @pytest.mark.parametrize(
@@ -105,8 +107,8 @@ def test_reference_keeps_what_is_left_out(fsw):
         ("mode", "manual", "--force", "78.4", "--speed", "407"),
         ("mode", "auto"),
         ("switch", "decentral"),
-        ("reference", "--temperature", "818", "--ramp"),
         ("weld", "hold"),
+        ("reference", "--temperature", "818", "--ramp"),
         ("weld", "resume"),
     ],
 )

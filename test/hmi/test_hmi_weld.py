@@ -18,6 +18,7 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.graph import STANDBY, WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
+from fsw_test_support.bags import decode
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import Spinner
 
@@ -247,7 +248,7 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     weld.until(lambda: not weld.launcher.children["scenario"].running, "the end of the player")
     weld.launcher.stop("recorder")
     with BagReader(graph.bag) as bag:
-        recorded = [bag.decode(one) for one in bag.records(topics=["/fsw/operator_action"])]
+        recorded = [decode(bag, one) for one in bag.records(topics=["/fsw/operator_action"])]
     assert [(one.action, one.outcome) for one in recorded][-5:] == [
         ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),

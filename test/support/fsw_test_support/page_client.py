@@ -43,7 +43,7 @@ class Page:
     """
 
     def __init__(self, url: str, build: str | None = None, **options: Any) -> None:
-        given = {"origin": url.rstrip("/"), "max_size": None, "compression": None} | options
+        given = {"origin": url.rstrip("/"), "max_size": None, "compression": None, "ping_interval": None} | options
         self._connection = connect(
             f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}", **given
         )
