@@ -203,6 +203,24 @@ def test_no_topic_is_deleted_while_another_one_is_made(
     assert order[0] == "made" and set(order[1:]) == {"deleted"}
 
 
+def test_node_that_the_garbage_collector_ends_while_its_session_closes(
+    context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a process whose node's constructor has raised: the collector may run in a thread that deletes."""
+    delete = session.delete
+
+    def delete_and_collect(entity: Any) -> None:
+        context.session.close()
+        delete(entity)
+
+    _world(context)
+    monkeypatch.setattr(session, "delete", delete_and_collect)
+    closing = threading.Thread(target=context.destroy, daemon=True)
+    closing.start()
+    closing.join(60.0)
+    assert not closing.is_alive()
+
+
 def test_a_topic_stays_until_its_context_ends(context: Context, node: Any) -> None:
     """The garbage collector would delete it at any time, in any thread."""
     for _ in range(3):

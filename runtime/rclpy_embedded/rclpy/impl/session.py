@@ -34,7 +34,7 @@ class _Domain:
 
 
 _domains: dict[int, _Domain] = {}
-_domains_lock = threading.Lock()
+_domains_lock = threading.RLock()
 # Topics are made and deleted one at a time. While the type information of one is hidden, it cannot be made again; and
 # Cyclone DDS 11.0.1 reads its table of types without a lock while it makes one, and crashes if it changes meanwhile.
 # Reentrant, because the garbage collector may close another session at any moment.
@@ -95,6 +95,8 @@ class Session(Handle):
         # By name and type, kept until the end: the garbage collector would delete them without the lock.
         self._topics: dict[tuple[str, str], Topic[RawSample]] = {}
         self._left: list[Reader | Writer] = []
+        self._closer: threading.Thread | None = None
+        self._gone = threading.Event()
         self.is_shut_down = False
         _acquire_domain(domain_id)
         self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
@@ -180,23 +182,41 @@ class Session(Handle):
 
     def close(self) -> None:
         """Leave the graph; return when that is done, also if another thread does it."""
+        this = threading.current_thread()
+        with self._lock:
+            under_way, self._closed = self._closed, True
+            self._closer = self._closer or this
+        if under_way:
+            # The garbage collector may call this in the midst of it, in one of the threads that do it.
+            if this is not self._closer and not isinstance(this, _Deleter):
+                self._gone.wait()
+            return
+        # Without the lock, which the garbage collector may need in the threads that are waited for.
+        _delete_all(list(self._endpoints))
+        self._left.clear()
         with _topics_lock:
-            with self._lock:
-                if self._closed:
-                    return
-                self._closed = True
-            _delete_all(list(self._endpoints))
-            self._left.clear()
             for topic in self._topics.values():
                 delete(topic)
             delete(self.participant)
             _release_domain(self.domain_id)
             _sessions.discard(self)
+        self._gone.set()
+
+
+class _Deleter(threading.Thread):
+    """Deletes an endpoint."""
+
+    def __init__(self, endpoint: Reader | Writer) -> None:
+        super().__init__()
+        self._endpoint = endpoint
+
+    def run(self) -> None:
+        delete(self._endpoint)
 
 
 def _delete_all(endpoints: Sequence[Reader | Writer]) -> None:
     """Delete endpoints side by side: each writer waits up to a second for readers that may have died."""
-    threads = [threading.Thread(target=delete, args=(endpoint,)) for endpoint in endpoints]
+    threads = [_Deleter(endpoint) for endpoint in endpoints]
     try:
         for thread in threads:
             thread.start()
