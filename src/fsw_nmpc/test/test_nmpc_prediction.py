@@ -69,9 +69,9 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     p = P.changed(dead_time_s=dead_time_s)
     library = make_library(20, p)
     h = library.horizon
-    predict = prediction_function(p, h)
+    expression = prediction_function(p, h)
     given = [ca.SX.sym("moves", 40), ca.SX.sym("start", N_START), ca.SX.sym("history", 3 * h.n_history)]
-    outputs = ca.vertcat(*predict(*given))
+    outputs = ca.vertcat(*expression(*given))
     both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
