@@ -116,7 +116,7 @@ class Context:
     def _close_when_unused(self) -> None:
         """Leave the graph once it is shut down and its last node is destroyed."""
         if self._session is not None and self._session.is_shut_down and not self._nodes:
-            self._session.close()
+            self._session.close(wait=False)
 
     def _wake_all(self) -> None:
         for waker in self._wakers:

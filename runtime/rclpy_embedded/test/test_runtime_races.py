@@ -210,10 +210,10 @@ def test_node_that_the_garbage_collector_ends_while_its_session_closes(
     delete = session.delete
 
     def delete_and_collect(entity: Any) -> None:
-        context.session.close()
+        context._close_when_unused()
         delete(entity)
 
-    _world(context)
+    _world(context).node.destroy_node()
     monkeypatch.setattr(session, "delete", delete_and_collect)
     closing = threading.Thread(target=context.destroy, daemon=True)
     closing.start()

@@ -180,15 +180,17 @@ class Session(Handle):
     def _announce(self) -> None:
         self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(self._info)))
 
-    def close(self) -> None:
-        """Leave the graph; return when that is done, also if another thread does it."""
+    def close(self, *, wait: bool = True) -> None:
+        """Leave the graph; return when that is done, also, with `wait`, if another thread does it.
+
+        Without `wait`, the garbage collector may call this in any thread, also in those that another close waits for.
+        """
         this = threading.current_thread()
         with self._lock:
             under_way, self._closed = self._closed, True
             self._closer = self._closer or this
         if under_way:
-            # The garbage collector may call this in the midst of it, in one of the threads that do it.
-            if this is not self._closer and not isinstance(this, _Deleter):
+            if wait and this is not self._closer:
                 self._gone.wait()
             return
         # Without the lock, which the garbage collector may need in the threads that are waited for.
@@ -203,20 +205,9 @@ class Session(Handle):
         self._gone.set()
 
 
-class _Deleter(threading.Thread):
-    """Deletes an endpoint."""
-
-    def __init__(self, endpoint: Reader | Writer) -> None:
-        super().__init__()
-        self._endpoint = endpoint
-
-    def run(self) -> None:
-        delete(self._endpoint)
-
-
 def _delete_all(endpoints: Sequence[Reader | Writer]) -> None:
     """Delete endpoints side by side: each writer waits up to a second for readers that may have died."""
-    threads = [_Deleter(endpoint) for endpoint in endpoints]
+    threads = [threading.Thread(target=delete, args=(endpoint,)) for endpoint in endpoints]
     try:
         for thread in threads:
             thread.start()
