@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.history import KEPT
+from fsw_schema.files import replacing
 
 #: what was kept longer ago is of another weld [s] (chosen)
 _OLD_S = 600.0
@@ -115,11 +116,10 @@ class Keeper:
         """Write the state, and the rows so far."""
         if self._folder is None or self._file is None:
             return
-        part = self._folder / "hmi_state.json.part"
         try:
             self._file.flush()
-            part.write_bytes(_KEPT.dump_json(state))
-            part.replace(self._folder / "hmi_state.json")
+            with replacing(self._folder / "hmi_state.json") as part:
+                part.write_bytes(_KEPT.dump_json(state))
         except OSError as error:
             self._give_up(error)
 

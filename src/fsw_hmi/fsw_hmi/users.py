@@ -8,7 +8,6 @@ import hmac
 import os
 import re
 import secrets
-import tempfile
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
@@ -18,6 +17,7 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.private_file import read_private
+from fsw_schema.files import replacing
 from fsw_schema.models import InputError, Model, content_of, validate
 
 #: each may what those before it may
@@ -201,17 +201,11 @@ def read(path: Path) -> list[User]:
 
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with open(handle, "w", encoding="utf-8") as file:
-            for user in users:  # each in a line
-                yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
+    with replacing(path, 0o600) as scratch, scratch.open("w", encoding="utf-8") as file:
+        for user in users:  # each in a line
+            yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _bytes(password: str) -> bytes:
