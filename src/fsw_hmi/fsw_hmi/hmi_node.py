@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -40,8 +40,7 @@ from fsw_hmi.reports_ros import NO_STATE
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
-from fsw_hmi.web_server import address, application, is_local, listen
-from fsw_hmi.web_thread import WebThread
+from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
 
@@ -73,7 +72,6 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
         self._received: deque[Order] = deque()
-        self._frames: dict[str, str] = {}
         self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
@@ -96,9 +94,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         app = application(self._page.routes(), [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
+        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
@@ -127,13 +125,14 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         if kept is not None:
             self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
             self._done.extend(kept.actions)
-            self._page.restore(rows, kept.actions)
+            self._page.restore(rows)
             self._room.ended = kept.ended
             if kept.holder:
                 self._room.restart(kept.holder)
         if rows:
             self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
-        self._show_alarms()
+        self._show("alarms", self._desk.frame())
+        self._show("actions", {"actions": list(self._done)})
 
     def _keep(self) -> None:
         holder, ended = self._room.holder, self._room.ended
@@ -163,27 +162,14 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text}}}'
-            frames, self._frames = self._frames, {}
-            self._web.call(partial(self._show_tick, frames, text, shown, now_s))
+            self._web.call(partial(self._page.tick, text, shown, now_s))
 
-    def _show_tick(self, frames: dict[str, str], text: str, shown: str | None, came_s: float) -> None:
-        """In the server's thread."""
-        self._show(frames)
-        self._page.tick(text, shown, came_s)
-
-    def _flush(self) -> None:
-        """Hand over what no tick has taken along."""
-        if self._frames:
-            frames, self._frames = self._frames, {}
-            self._web.call(partial(self._show, frames))
-
-    def _show(self, frames: dict[str, str]) -> None:
-        """In the server's thread."""
-        for kind, one in frames.items():
-            self._page.show(kind, one)
+    def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
+        """Send a frame to all pages, in place of the one of its kind before, or of its kind and what it is of."""
+        self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
     def _on_prediction(self, content: dict[str, Any]) -> None:
-        self._frames[f"prediction {content['controller']}"] = frame("prediction", content)
+        self._show("prediction", content, content["controller"])
 
     def _show_state(self) -> None:
         watch = self._watch
@@ -194,8 +180,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             for what, one in parts.items()
         ]
         parts.sort(key=lambda one: one["level"] == "ok")
-        shown = {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]}
-        self._frames["state"] = frame("state", shown)
+        self._show("state", {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]})
 
     def _say_hello(self) -> None:
         hello = {
@@ -214,11 +199,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._orders.look()
         self._watch.look()
         if self._desk.judge():
-            self._show_alarms()
-            self._flush()
-
-    def _show_alarms(self) -> None:
-        self._frames["alarms"] = frame("alarms", self._desk.frame())
+            self._show("alarms", self._desk.frame())
 
     def _report(self) -> None:
         watch = self._watch
@@ -226,8 +207,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             raise RuntimeError("the page's server has ended")
         self._show_state()
         if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
-            self._frames["progress"] = frame("progress", watch.progress)
-        self._flush()
+            self._show("progress", watch.progress)
         self._keep()
         is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():
@@ -268,8 +248,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._record(order, order.outcome, order.message)
         elif isinstance(action, Acknowledge | Shelve | Unshelve):
             ok, words = self._desk.carry_out(action, order.who)
-            self._show_alarms()
-            self._flush()
+            self._show("alarms", self._desk.frame())
             answer(DONE if ok else REFUSED, words)
         elif why := why_not(action, self._known()):
             answer(REFUSED, why)
@@ -298,6 +277,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _record(self, order: Order, outcome: str, message: str) -> None:
         done = {"who": order.who, "action": order.asked, "outcome": outcome, "message": message}
         self._done.append(done | {"server_s": round(time.time(), 3)})
+        self._show("actions", {"actions": list(self._done)})
         self._actions.publish(
             OperatorAction(
                 header=convert.header(int(self.get_clock().now().nanoseconds)),

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.history import KEPT
+from fsw_hmi.hub import KEPT
 from fsw_schema.files import replacing
 
 #: what was kept longer ago is of another weld [s] (chosen)

@@ -278,6 +278,10 @@ def test_answers_of_services(graph, page):
         ("acknowledge the safe stop", "refused"),
     ]
     assert all(one.who.startswith("anna (") for one in graph.actions)
+    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 10)["actions"]
+    assert [(one["who"], one["action"], one["outcome"], one["message"]) for one in listed] == [
+        (one.who, one.action, one.outcome, one.message) for one in graph.actions
+    ]
 
 
 @pytest.mark.requirement("S19")
