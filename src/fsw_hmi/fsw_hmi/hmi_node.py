@@ -263,7 +263,6 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         stays = values and not watch.references.coming
         return Known(
             watch.state if now_s - watch.state_s <= NO_REPORT_S else None,
-            watch.progress if now_s - watch.progress_s <= _PROGRAMME_SILENT_S else None,
             values["reference_depth_mm"] if stays else nan,
             values["reference_temperature_c"] if stays else nan,
             self._interlocks,

@@ -1,4 +1,4 @@
-"""What is not even asked for: requests that would trip an interlock, or change nothing."""
+"""What is not even asked for: requests that would trip an interlock, or change nothing. The rest the graph decides."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Known:
 
     Attributes
     ----------
-    state, progress : mapping or None
-        As the page gets them.
+    state : mapping or None
+        The supervisor's, as the page gets it.
     depth_mm, temperature_c : float
         Set-points in force, NaN where unknown or others are to come.
     interlocks : mapping of str to float
@@ -28,7 +28,6 @@ class Known:
     """
 
     state: Mapping[str, Any] | None = None
-    progress: Mapping[str, Any] | None = None
     depth_mm: float = nan
     temperature_c: float = nan
     interlocks: Mapping[str, float] = field(default_factory=dict)
@@ -42,9 +41,6 @@ def why_not(action: Action, known: Known) -> str:
 
 
 def _set_points(action: SetReference, known: Known) -> str:
-    progress = known.progress
-    if progress is not None and progress["state"] == "running" and not progress["left"]:
-        return "the programme of the weld runs and would override it: hold the programme first"
     off = abs(action.depth_mm - known.depth_mm), abs(action.temperature_c - known.temperature_c)
     if all(one <= _SAME for one in off):
         return "these set-points are in force already"
