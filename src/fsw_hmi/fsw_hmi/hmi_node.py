@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,14 @@ from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Rules
-from fsw_hmi.frames import COLUMNS, frame, readable, row
+from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
-from fsw_hmi.refusals import Known, why_not
+from fsw_hmi.refusals import why_not
 from fsw_hmi.reports_ros import NO_STATE
-from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, Action, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
@@ -250,23 +249,19 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             ok, words = self._desk.carry_out(action, order.who)
             self._show("alarms", self._desk.frame())
             answer(DONE if ok else REFUSED, words)
-        elif why := why_not(action, self._known()):
+        elif why := self._why_not(action):
             answer(REFUSED, why)
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _known(self) -> Known:
-        """What a request is compared with before it is sent."""
+    def _why_not(self, action: Action) -> str:
+        """Why a request is not even sent, by what is known now."""
         watch, now_s = self._watch, time.monotonic()
-        measured = watch.row is not None and now_s - (watch.view.tick_s or 0.0) <= NO_REPORT_S
-        values = dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row and measured else {}
-        stays = values and not watch.references.coming
-        return Known(
-            watch.state if now_s - watch.state_s <= NO_REPORT_S else None,
-            values["reference_depth_mm"] if stays else nan,
-            values["reference_temperature_c"] if stays else nan,
-            self._interlocks,
-        )
+        known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
+        measured = watch.view.tick_s is not None and now_s - watch.view.tick_s <= NO_REPORT_S
+        stays = watch.values if measured and not watch.references.coming else {}
+        in_force = (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
+        return why_not(action, known, in_force, self._interlocks)
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
         message = readable(message)
