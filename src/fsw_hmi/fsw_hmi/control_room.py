@@ -6,7 +6,7 @@ import hmac
 import json
 import secrets
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -71,13 +71,29 @@ class _Request(BaseModel):
     do: Any = None
 
 
-class Record(NamedTuple):
-    """Something for the record that nobody has asked for, or that was refused."""
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An action on its way to the graph; or without one what is to be recorded, as it never gets there.
+
+    Attributes
+    ----------
+    who : str
+        Name and session.
+    asked : str
+        The action in words.
+    outcome, message : str
+        For the record.
+    action : Action or None
+    number : int
+        By which the outcome of an action is reported.
+    """
 
     who: str
-    what: str
-    outcome: str
-    message: str
+    asked: str
+    outcome: str = ""
+    message: str = ""
+    action: Action | None = None
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +135,7 @@ class ControlRoom:
         self._control = Control(self._rules.handover_timeout_s)
         self._wrong = tokens.WrongLogins()
         self._takeable = self._changed = False
-        self._records: list[Record] = []
+        self._records: list[Order] = []
         self.ended = ""  #: why nobody has control any longer, until somebody takes it
 
     @property
@@ -143,7 +159,7 @@ class ControlRoom:
         self._sessions.pop(session.id, None)
         return self._free(session, why)
 
-    def tick(self, now_s: float) -> tuple[bool, list[Record]]:
+    def tick(self, now_s: float) -> tuple[bool, list[Order]]:
         """Let time pass: whether control has changed, and what is to be recorded."""
         self._look_at_users()
         limit_s = self._rules.idle_timeout_s
@@ -160,7 +176,7 @@ class ControlRoom:
         """The server was killed while somebody had control; tell and record it."""
         why = "the page's server was started again"
         self.ended = f"{holder} has lost control: {why}"
-        self._records.append(Record(holder, LOST, DONE, why))
+        self._records.append(Order(holder, LOST, DONE, why))
 
     def _look_at_users(self) -> None:
         """Whoever is no longer the user who has logged in, has to log in again for all but a safe stop."""
@@ -178,7 +194,7 @@ class ControlRoom:
         """Take from a session what it has of control; returns whether it had any."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
-            self._records.append(Record(session.who, LOST, DONE, why))
+            self._records.append(Order(session.who, LOST, DONE, why))
         return self._control.release(session)
 
     @property
@@ -288,7 +304,7 @@ class ControlRoom:
         if not wait_s and not known:  # what was typed in as a name may be a password
             who = self._users.name(name) if self._users else ""
             words = f"{what}, from {session.client or 'an unknown address'}"
-            self._records.append(Record(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
+            self._records.append(Order(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
         too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
         return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
 

@@ -28,7 +28,7 @@ from fsw_hmi import tls, tokens, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
-from fsw_hmi.control_room import ControlRoom, Rules
+from fsw_hmi.control_room import ControlRoom, Order, Rules
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
@@ -38,7 +38,7 @@ from fsw_hmi.refusals import why_not
 from fsw_hmi.reports_ros import NO_STATE
 from fsw_hmi.requests import Acknowledge, Action, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
-from fsw_hmi.web import LivePage, Order
+from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction

@@ -57,8 +57,6 @@ class Page:
         Address and port of its browser.
     number : int
         In the order of opening.
-    pending : int
-        Requests that wait for the graph.
     evicted : bool
         Whether it is given up to make room.
     given_up : asyncio.Event
@@ -67,7 +65,7 @@ class Page:
 
     def __init__(self, session: Session, peer: Any, number: int) -> None:
         self.session, self.peer, self.number = session, peer, number
-        self.pending, self.evicted = 0, False
+        self.evicted = False
         self.given_up = asyncio.Event()
         self._wake = asyncio.Event()
         self._urgent: deque[str] = deque()

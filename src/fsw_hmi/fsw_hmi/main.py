@@ -24,11 +24,13 @@ def parser() -> argparse.ArgumentParser:
         "Further parameters of the node go after --ros-args.",
     )
     specs = load("fsw_hmi", "hmi.yaml")
+    kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
     for name in _OPTIONS:
-        kind: dict[str, Any] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}.get(name, {})
         default = f" (default: {specs[name].default})" if specs[name].default else ""
         flag = f"--{name.removesuffix('s').replace('_', '-')}"
-        whole.add_argument(flag, dest=name, metavar="VALUE", help=specs[name].description + default, **kind)
+        whole.add_argument(
+            flag, dest=name, metavar="VALUE", help=specs[name].description + default, **kinds.get(name, {})
+        )
     whole.add_argument(
         "--bag", action="append", type=Path, metavar="BAG", help="show this recorded weld; twice: compare two"
     )

@@ -13,8 +13,8 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control import REFUSED, TIMED_OUT
-from fsw_hmi.control_room import ControlRoom, Verdict
+from fsw_hmi.control import TIMED_OUT
+from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Hub, Page
 from fsw_hmi.logins import BusyError, LoginChecks
@@ -24,35 +24,7 @@ from fsw_hmi.security import client_of
 
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
 _MARGIN_S = 2.0
-#: requests of one page that wait for the graph; a safe stop always may
-_MOST_PENDING = 20
 _STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """An action on its way to the graph, or what became of one that never got there.
-
-    Attributes
-    ----------
-    number : int
-        By which the outcome is reported; 0: only for the record.
-    who : str
-        Name and session.
-    asked : str
-        The action in words.
-    outcome, message : str
-        For the record.
-    action : Action or None
-        None: only for the record.
-    """
-
-    number: int
-    who: str
-    asked: str
-    outcome: str = ""
-    message: str = ""
-    action: Action | None = None
 
 
 @dataclass(slots=True)
@@ -139,7 +111,6 @@ class LivePage:
         if pending is None:
             return
         pending.timer.cancel()
-        pending.page.pending -= 1
         for request in pending.ids:
             pending.page.answer(_answer(request, outcome, message))
 
@@ -154,7 +125,7 @@ class LivePage:
     def _look_at_control(self) -> None:
         changed, records = self._room.tick(time.monotonic())
         for one in records:
-            self._deliver(Order(0, *one))
+            self._deliver(one)
         if changed:
             self._show_control()
 
@@ -271,7 +242,7 @@ class LivePage:
         if verdict.id is not None:
             page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
         if verdict.asked:
-            self._deliver(Order(0, session.who, verdict.asked, verdict.outcome, verdict.message))
+            self._deliver(Order(session.who, verdict.asked, verdict.outcome, verdict.message))
 
     def _order(self, page: Page, request: int, action: Action, asked: str) -> None:
         if isinstance(action, SafeStop):
@@ -279,16 +250,12 @@ class LivePage:
                 if under_way.page is page and under_way.order.action == action:
                     under_way.ids.append(request)  # the graph is asked once
                     return
-        elif page.pending >= _MOST_PENDING:
-            page.answer(_answer(request, REFUSED, "too many requests wait for an answer"))
-            return
         self._orders += 1
-        order = Order(self._orders, page.session.who, asked, action=action)
+        order = Order(page.session.who, asked, action=action, number=self._orders)
         wait_s = self._request_timeout_s + _MARGIN_S + (action.wait_s if isinstance(action, Switch) else 0.0)
         timer = asyncio.get_running_loop().call_later(
             wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")
         )
-        page.pending += 1
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._deliver(order)
 
