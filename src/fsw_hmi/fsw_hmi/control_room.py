@@ -10,9 +10,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from fsw_hmi import security, tokens
+from fsw_hmi import security
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.frames import readable
+from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 from fsw_schema.models import InputError
@@ -96,25 +97,6 @@ class Order:
     number: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """How long what may last.
-
-    Attributes
-    ----------
-    local_stop : bool
-        Whether pages on this computer may stop without login.
-    idle_timeout_s : float
-        After which a page that nobody touches gives control back; 0: never.
-    handover_timeout_s : float
-        After which control that was asked for may be taken without an answer.
-    """
-
-    local_stop: bool = True
-    idle_timeout_s: float = 900.0
-    handover_timeout_s: float = 30.0
-
-
 class ControlRoom:
     """Sessions, login and control. Nothing here acts; it says what may be done.
 
@@ -122,18 +104,29 @@ class ControlRoom:
     ----------
     key : str or Users
         The token that a person must know to command, or the named users.
-    rules : Rules, optional
+    local_stop : bool, optional
+        Whether pages on this computer may stop without login.
+    idle_timeout_s : float, optional
+        After which a page that nobody touches gives control back; 0: never.
+    handover_timeout_s : float, optional
+        After which control that was asked for may be taken without an answer.
     """
 
-    def __init__(self, key: str | Users, rules: Rules | None = None) -> None:
+    def __init__(
+        self,
+        key: str | Users,
+        local_stop: bool = True,
+        idle_timeout_s: float = 900.0,
+        handover_timeout_s: float = 30.0,
+    ) -> None:
         if not key:
             raise ValueError("the token is empty")
         self._users = key if isinstance(key, Users) else None
         self._token = key.encode() if isinstance(key, str) else b""
-        self._rules = rules or Rules()
+        self._local_stop, self._idle_timeout_s = local_stop, idle_timeout_s
         self._sessions: dict[str, Session] = {}
-        self._control = Control(self._rules.handover_timeout_s)
-        self._wrong = tokens.WrongLogins()
+        self._control = Control(handover_timeout_s)
+        self._wrong = WrongLogins()
         self._takeable = self._changed = False
         self._records: list[Order] = []
         self.ended = ""  #: why nobody has control any longer, until somebody takes it
@@ -150,7 +143,7 @@ class ControlRoom:
         number = secrets.token_hex(3)
         while number in self._sessions:
             number = secrets.token_hex(3)
-        local_stop = self._rules.local_stop and security.is_loopback(address)
+        local_stop = self._local_stop and security.is_loopback(address)
         self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
@@ -162,7 +155,7 @@ class ControlRoom:
     def tick(self, now_s: float) -> tuple[bool, list[Order]]:
         """Let time pass: whether control has changed, and what is to be recorded."""
         self._look_at_users()
-        limit_s = self._rules.idle_timeout_s
+        limit_s = self._idle_timeout_s
         for session in self._sessions.values():
             if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
                 self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")

@@ -24,11 +24,11 @@ from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import tls, tokens, users
+from fsw_hmi import tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
-from fsw_hmi.control_room import ControlRoom, Order, Rules
+from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
@@ -82,7 +82,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(
-            key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
+            key, **{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")}
         )
         self._page = LivePage(
             files,
@@ -288,7 +288,7 @@ def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tup
     if users_file and token_file:
         raise ValueError("users_file, token_file: give one of them")
     if token_file:
-        return tokens.read(Path(token_file).expanduser()), False
+        return users.read_token(Path(token_file).expanduser()), False
     if not users_file:
-        return tokens.new(), True
+        return users.new_token(), True
     return users.UsersFile(Path(users_file).expanduser(), warn), False

@@ -1,4 +1,4 @@
-"""Named users: their file with salted hashes of their passwords, and the check of a password."""
+"""Named users: their file with salted hashes of their passwords, and the check of a password; or one token for all."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ Role = Literal["view", "operate", "engineer"]
 #: Only what looks different is different: no letters of other alphabets, no spaces; upper and lower case are the same.
 NAME_RULE = "ASCII letters, digits and . _ -, a letter or digit first, at most 32"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
+#: of passwords and tokens: 12 random digits last 15 years at 1000 trials a second
 SHORTEST, LONGEST = 12, 128
 _LONGEST_BYTES = 1_000_000
 #: cost of scrypt as OWASP recommends it for 16 MiB: 2^14 blocks of 8 * 128 bytes, five times
@@ -165,6 +166,28 @@ def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> Use
     digest = _scrypt(password, salt, log2_n, _R, _P)
     hashed = f"$scrypt$ln={log2_n},r={_R},p={_P}${_b64(salt)}${_b64(digest)}"
     return validate(User, {"name": name, "role": role, "password": hashed}, "user")
+
+
+def new_token() -> str:
+    """A token for one run."""
+    return secrets.token_urlsafe(12)
+
+
+def read_token(path: Path) -> str:
+    """The token in a file.
+
+    Raises
+    ------
+    ValueError
+        When the file cannot be read or is empty, or others may read or change the file; the message says what to do.
+    """
+    try:
+        token = read_private("token_file", path, 4096).decode().strip()
+    except UnicodeDecodeError:
+        raise ValueError(f"token_file: {path} is no text") from None
+    if len(token) < SHORTEST or "\n" in token:
+        raise ValueError(f"token_file: {path} must hold one line of at least {SHORTEST} characters")
+    return token
 
 
 def read(path: Path) -> list[User]:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
-from fsw_hmi.control_room import ControlRoom, Order, Rules
+from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.requests import ACTIONS, SafeStop
 from fsw_hmi.users import ROLES, Users, new_user
 
@@ -68,7 +68,7 @@ class Place:
 class Hall:
     def __init__(self, **rules):
         self.now_s = 1000.0
-        self.room = ControlRoom(named_users(), Rules(**rules))
+        self.room = ControlRoom(named_users(), **rules)
 
 
 @pytest.fixture
@@ -217,7 +217,7 @@ def test_same_person_takes_control_along_to_another_page(hall):
     first.take()
     assert stranger.take().outcome == REFUSED
     assert second.take().message == f"control taken from {first.session.who}, the same person"
-    token = ControlRoom("a token of some length", Rules())
+    token = ControlRoom("a token of some length")
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
         token.handle(page, json.dumps({"id": 1, "do": "login", "name": "otto", "token": "a token of some length"}), 0.0)
