@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 #: how long control may be taken that was asked for in vain; then it has to be asked for again (chosen)
@@ -52,6 +53,8 @@ class Session:
         When anybody has; None: never.
     note : str
         What happened to its control, for its page.
+    known : dict
+        What its page has been told of control.
     """
 
     id: str
@@ -64,6 +67,7 @@ class Session:
     active_s: float = 0.0
     touched_s: float | None = None
     note: str = ""
+    known: dict[str, Any] = field(default_factory=dict)
     offences: int = 0
     requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
 
@@ -155,25 +159,19 @@ class Control:
         asker.note = f"{session.name} keeps control"
         return DONE, f"control not handed over to {asker.who}"
 
-    def release(self, session: Session) -> bool:
-        """Give back what a session has, control or the request for it; returns whether it had any."""
+    def release(self, session: Session) -> None:
+        """Give back what a session has, control or the request for it."""
         if self.asker is session:
             self.asker = None
-            return True
-        if self.holder is not session:
-            return False
-        self.holder = None
-        if self.asker is not None:
-            self.asker.note = "control is free"
-            self.asker = None
-        return True
+        if self.holder is session:
+            if self.asker is not None:
+                self.asker.note = "control is free"
+            self.holder = self.asker = None
 
-    def lapse(self, now_s: float) -> bool:
-        """Forget a request that nobody made use of; returns whether there was one."""
-        if self.asker is None or now_s - self._asked_s <= self._answer_s + _LAPSE_S:
-            return False
-        self.asker = None
-        return True
+    def lapse(self, now_s: float) -> None:
+        """Forget a request that nobody made use of."""
+        if now_s - self._asked_s > self._answer_s + _LAPSE_S:
+            self.asker = None
 
     def _give(self, session: Session, note: str = "") -> None:
         if self.holder is not None:

@@ -45,8 +45,6 @@ class Verdict:
     action : Action or None
     asked : str
         What was asked for in words, when it has to be recorded; empty when not.
-    control : bool
-        Whether sessions or control have changed.
     close : bool
         Whether the page is to be shut out.
     credentials : tuple of str or None
@@ -58,7 +56,6 @@ class Verdict:
     message: str = ""
     action: Action | None = None
     asked: str = ""
-    control: bool = False
     close: bool = False
     credentials: tuple[str, str] | None = None
 
@@ -127,7 +124,6 @@ class ControlRoom:
         self._sessions: dict[str, Session] = {}
         self._control = Control(handover_timeout_s)
         self._wrong = WrongLogins()
-        self._takeable = self._changed = False
         self._records: list[Order] = []
         self.ended = ""  #: why nobody has control any longer, until somebody takes it
 
@@ -147,23 +143,21 @@ class ControlRoom:
         self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
-    def leave(self, session: Session, why: str = "the page was closed") -> bool:
-        """A page was closed; returns whether control, or the request for it, has become free with it."""
+    def leave(self, session: Session, why: str = "the page was closed") -> None:
+        """A page was closed."""
         self._sessions.pop(session.id, None)
-        return self._free(session, why)
+        self._free(session, why)
 
-    def tick(self, now_s: float) -> tuple[bool, list[Order]]:
-        """Let time pass: whether control has changed, and what is to be recorded."""
+    def tick(self, now_s: float) -> list[Order]:
+        """Let time pass; returns what is to be recorded."""
         self._look_at_users()
         limit_s = self._idle_timeout_s
         for session in self._sessions.values():
             if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
                 self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")
-        changed, self._changed = self._control.lapse(now_s) or self._changed, False
-        takeable = self._control.asker is not None and not self._control.left_s(now_s)
-        changed, self._takeable = changed or takeable != self._takeable, takeable
+        self._control.lapse(now_s)
         records, self._records = self._records, []
-        return changed, records
+        return records
 
     def restart(self, holder: str) -> None:
         """The server was killed while somebody had control; tell and record it."""
@@ -180,15 +174,15 @@ class ControlRoom:
 
     def _shut(self, session: Session, why: str) -> None:
         """Listen to nothing but a safe stop until somebody logs in again."""
-        session.idle, session.note, self._changed = True, f"{why}: log in again to command", True
+        session.idle, session.note = True, f"{why}: log in again to command"
         self._free(session, why)
 
-    def _free(self, session: Session, why: str) -> bool:
-        """Take from a session what it has of control; returns whether it had any."""
+    def _free(self, session: Session, why: str) -> None:
+        """Take from a session what it has of control."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
             self._records.append(Order(session.who, LOST, DONE, why))
-        return self._control.release(session)
+        self._control.release(session)
 
     @property
     def holder(self) -> Session | None:
@@ -209,6 +203,16 @@ class ControlRoom:
             "may_stop": session.may_stop,
             "note": session.note or ("" if holder else self.ended),
         }
+
+    def news(self, session: Session, now_s: float) -> dict[str, Any] | None:
+        """Content of the frame ``control``, if more than the time left has changed since the last time."""
+        control = self.control(session, now_s)
+        request = control["request"]
+        known = control | {"request": request and request | {"left_s": bool(request["left_s"])}}
+        if known == session.known:
+            return None
+        session.known = known
+        return control
 
     # ---------------------------------------------------------------- requests
 
@@ -306,7 +310,7 @@ class ControlRoom:
             self._free(session, f"{name} has logged in there")  # what one person has, another does not get by a login
         session.name, session.role, session.idle, session.note = name, role, False, ""
         session.active_s = session.touched_s = now_s
-        return Verdict(number, DONE, f"logged in as {name}, role {role}", asked="log in", control=True)
+        return Verdict(number, DONE, f"logged in as {name}, role {role}", asked="log in")
 
     # ---------------------------------------------------------------- control and commands
 
@@ -318,7 +322,7 @@ class ControlRoom:
         outcome, text = self._ask_control(session, do, message, now_s)
         if outcome == DONE:
             self.ended = ""
-        return Verdict(number, outcome, text, asked=_CONTROL[do], control=outcome == DONE)
+        return Verdict(number, outcome, text, asked=_CONTROL[do])
 
     def _ask_control(self, session: Session, do: str, message: dict[str, Any], now_s: float) -> Answer:
         control, holder = self._control, self.holder

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from fsw_hmi.security import client_of
 
@@ -18,19 +18,9 @@ _OF_CLIENT, _OF_ALL = 256, 600
 _REQUEST_S = 10.0
 
 
-class Connection(Protocol):
-    """What is needed of a socket."""
-
-    def fileno(self) -> int:
-        """Negative when it is closed."""
-
-    def shutdown(self, how: int, /) -> None:
-        """End it; the server, which owns it, notices and closes it."""
-
-
 @dataclass(slots=True, eq=False)
 class _Peer:
-    connection: Connection
+    connection: socket.socket  #: which the server owns, notices the end of, and closes
     client: str
     since_s: float  #: when it came, or when its last request ended
     requests: int = 0  #: that it has under way; an open page is one
@@ -58,11 +48,11 @@ class Gate:
         self._of_client, self._of_all, self._request_s = of_client, of_all, request_s
         self._peers: dict[Any, _Peer] = {}
 
-    def admit(self, address: tuple[str, int], connection: Connection, now_s: float) -> None:
+    def admit(self, address: tuple[str, int], connection: socket.socket, now_s: float) -> None:
         """Let a connection in."""
-        self._peers[address] = _Peer(connection, client_of(address[0]), now_s)
-        counts = Counter(peer.client for peer in self._peers.values())
         client = client_of(address[0])
+        self._peers[address] = _Peer(connection, client, now_s)
+        counts = Counter(peer.client for peer in self._peers.values())
         if counts[client] > self._of_client:
             self._make_room(client, address)
         elif len(self._peers) > self._of_all:
@@ -96,13 +86,10 @@ class Gate:
                 self._close(address)
 
     def _make_room(self, client: str, newest: Any) -> None:
-        self._forget_closed()
+        self._peers = {key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0}
         of_client = {key: peer for key, peer in self._peers.items() if peer.client == client and not peer.known}
         of_client.pop(newest, None)
         self._close(min(of_client, key=lambda key: of_client[key].rank, default=newest))
-
-    def _forget_closed(self) -> None:
-        self._peers = {key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0}
 
     def _close(self, address: Any) -> None:
         peer = self._peers.pop(address)

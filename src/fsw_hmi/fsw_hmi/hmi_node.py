@@ -272,14 +272,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         done = {"who": order.who, "action": order.asked, "outcome": outcome, "message": message}
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
+        header = convert.header(int(self.get_clock().now().nanoseconds))
         self._actions.publish(
-            OperatorAction(
-                header=convert.header(int(self.get_clock().now().nanoseconds)),
-                who=order.who,
-                action=order.asked,
-                outcome=outcome,
-                message=message,
-            )
+            OperatorAction(header=header, who=order.who, action=order.asked, outcome=outcome, message=message)
         )
 
 

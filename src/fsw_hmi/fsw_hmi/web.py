@@ -123,11 +123,9 @@ class LivePage:
             page.give_up_if_stuck(self._patience_s)
 
     def _look_at_control(self) -> None:
-        changed, records = self._room.tick(time.monotonic())
-        for one in records:
+        for one in self._room.tick(time.monotonic()):
             self._deliver(one)
-        if changed:
-            self._show_control()
+        self._show_control()
 
     # ---------------------------------------------------------------- one page
 
@@ -170,8 +168,8 @@ class LivePage:
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
-            if self._room.leave(page.session, "the page's server ended" if self._closed else "the page was closed"):
-                self._show_control()
+            self._room.leave(page.session, "the page's server ended" if self._closed else "the page was closed")
+            self._show_control()
             if page.evicted:
                 await socket.close(_TRY_LATER, f"more than {self._max_pages} pages are open on this computer")
 
@@ -186,8 +184,9 @@ class LivePage:
                 "columns": COLUMNS,
                 **self._hello,
             }
-            latest = self._hub.latest | {"control": self._control(page)}
-            page.begin(frame("hello", hello), latest, self._hub.history.frames())
+            page.session.known = {}
+            page.begin(frame("hello", hello), self._hub.latest, self._hub.history.frames())
+        self._show_control()
 
     async def _listen(self, socket: WebSocket, page: Page) -> None:
         while True:
@@ -234,8 +233,7 @@ class LivePage:
         session = page.session
         if session.name:
             self._know(page.peer)
-        if verdict.control:
-            self._show_control()
+        self._show_control()
         if verdict.action is not None and verdict.id is not None:
             self._order(page, verdict.id, verdict.action, verdict.asked)
             return
@@ -260,11 +258,11 @@ class LivePage:
         self._deliver(order)
 
     def _show_control(self) -> None:
+        """Tell every page what has changed for it."""
         for page in self._hub.pages:
-            page.show("control", self._control(page))
-
-    def _control(self, page: Page) -> str:
-        return frame("control", self._room.control(page.session, time.monotonic()))
+            control = self._room.news(page.session, time.monotonic())
+            if control is not None:
+                page.show("control", frame("control", control))
 
 
 async def _send(socket: WebSocket, page: Page) -> None:

@@ -70,6 +70,9 @@ class Hall:
         self.now_s = 1000.0
         self.room = ControlRoom(named_users(), **rules)
 
+    def news(self, *places):
+        return [self.room.news(one.session, self.now_s) is not None for one in places]
+
 
 @pytest.fixture
 def hall():
@@ -182,11 +185,15 @@ def test_request_is_refused_withdrawn_or_lapses(hall):
     assert olga.ask("withdraw_request").outcome == DONE
     assert otto.ask("keep_control", to=olga.session.id).message == "nobody asks for control now"
     olga.ask("request_control")
-    hall.now_s += 31.0
-    assert hall.room.tick(hall.now_s) == (True, [])  # that it may be taken
-    assert hall.room.tick(hall.now_s) == (False, [])
+    hall.news(otto, olga)
+    hall.now_s += 20.0
+    assert hall.news(otto, olga) == [False, False]  # the time left is the page's own to count
+    hall.now_s += 11.0
+    assert hall.news(otto, olga) == [True, True]  # that it may be taken
+    assert hall.news(otto, olga) == [False, False]
     hall.now_s += 60.0
-    assert hall.room.tick(hall.now_s) == (True, [])
+    assert hall.room.tick(hall.now_s) == []
+    assert hall.news(otto, olga) == [True, True]
     assert olga.take().message == f"{otto.session.who} has control: ask for it"
     assert hall.room.holder is otto.session
 
@@ -208,7 +215,7 @@ def test_who_asks_is_told_when_control_becomes_free(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     olga.ask("request_control")
-    assert hall.room.leave(otto.session)
+    hall.room.leave(otto.session)
     assert (olga.control["note"], olga.control["request"], hall.room.holder) == ("control is free", None, None)
 
 
@@ -233,10 +240,9 @@ def test_idle_page_gives_control_back_and_still_stops():
     hall.now_s += 599.0
     assert olga.ask("active").outcome == DONE
     hall.now_s += 10.0
-    changed, records = hall.room.tick(hall.now_s)
     why = "nobody has touched the page for 10 min"
-    assert (changed, records) == (True, [Order(otto.session.who, "lose control", DONE, why)])
-    assert hall.room.tick(hall.now_s) == (False, [])
+    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == []
     assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
     assert otto.control["note"] == f"{why}: log in again to command"
     assert otto.ask("mode", mode="hold").message == "log in again"
@@ -250,22 +256,22 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     hall.room.leave(otto.session)
-    assert hall.room.tick(hall.now_s)[1] == [Order(otto.session.who, "lose control", DONE, "the page was closed")]
+    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, "lose control", DONE, "the page was closed")]
     assert olga.control["note"] == "otto has lost control: the page was closed"
     olga.take()
     assert olga.control["note"] == ""
     olga.log_in("egon")
     why = "egon has logged in there"
-    assert hall.room.tick(hall.now_s)[1] == [Order(f"olga ({olga.session.id})", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order(f"olga ({olga.session.id})", "lose control", DONE, why)]
     olga.take()
     olga.ask("release_control")
-    assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", (False, []))
+    assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", [])
 
 
 def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
     hall.room.restart("otto (3f2a)")
     why = "the page's server was started again"
-    assert hall.room.tick(hall.now_s)[1] == [Order("otto (3f2a)", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", "lose control", DONE, why)]
     olga = Place(hall, "olga")
     assert (olga.control["holder"], olga.control["note"]) == (None, f"otto (3f2a) has lost control: {why}")
     assert olga.take().outcome == DONE
@@ -278,7 +284,7 @@ def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     stranger = Place(hall)
     for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
         stranger.log_in(name, password)
-    recorded = hall.room.tick(hall.now_s)[1]
+    recorded = hall.room.tick(hall.now_s)
     assert [(one.who.split(" (")[0], one.asked, one.outcome) for one in recorded] == [
         ("otto", "log in", REFUSED),
         ("unknown name", "log in", REFUSED),
@@ -286,18 +292,18 @@ def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     assert {one.message for one in recorded} == {f"wrong name or password, from {THERE}"}
     for number in range(9):
         stranger.log_in("egon", f"guess {number}")
-    assert len(hall.room.tick(hall.now_s)[1]) == 3, "no flood of them in the bag"
+    assert len(hall.room.tick(hall.now_s)) == 3, "no flood of them in the bag"
     token = ControlRoom("a token of some length")
     typed = json.dumps({"id": 1, "do": "login", "name": "secret", "token": "also-secret"})
     token.handle(token.join(THERE), typed, 0.0)
-    assert "secret" not in str(token.tick(0.0)[1])
+    assert "secret" not in str(token.tick(0.0))
 
 
 def test_idle_timeout_of_zero_is_none():
     hall = Hall(idle_timeout_s=0.0)
     otto = Place(hall, "otto")
     hall.now_s += 1e6
-    assert hall.room.tick(hall.now_s) == (False, [])
+    assert hall.room.tick(hall.now_s) == []
     assert otto.control["authenticated"]
 
 

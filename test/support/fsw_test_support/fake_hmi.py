@@ -188,7 +188,8 @@ class FakeHmi:
             await asyncio.sleep(TICK_S)
             count += 1
             frames = []
-            if self._room.tick(time.monotonic())[0]:
+            self._room.tick(time.monotonic())
+            if any([self._room.news(session, time.monotonic()) for _, session in self._sessions.values()]):
                 await self._push()
             if self.measuring:
                 self._last_tick_s = time.time()
