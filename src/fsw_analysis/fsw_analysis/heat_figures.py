@@ -38,21 +38,12 @@ _SURFACE, _SECTION = (481, 97), (21, 121)
 
 @dataclass(frozen=True, slots=True)
 class HeatPicture:
-    """What is drawn.
-
-    Attributes
-    ----------
-    history : HeatHistory
-    phases : sequence of Span
-    title : str
-    thermocouples : mapping of str to array
-        Temperatures at the kept times, by name.
-    """
+    """What is drawn."""
 
     history: HeatHistory
     phases: Sequence[Span]
     title: str
-    thermocouples: Mapping[str, Any] = field(default_factory=dict)
+    thermocouples: Mapping[str, Any] = field(default_factory=dict)  #: temperatures at the kept times, by name
 
 
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:

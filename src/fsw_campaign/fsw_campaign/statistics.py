@@ -50,14 +50,7 @@ def _groups(n: int) -> int:
 
 @dataclass(frozen=True)
 class Results:
-    """A campaign and its rows, each weld of each controller at most once.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    table : pyarrow.Table
-    folder : Path
-    """
+    """A campaign and its rows, each weld of each controller at most once."""
 
     campaign: Campaign
     table: pa.Table

@@ -80,19 +80,12 @@ def _declarations(header: Path) -> str:
 
 @dataclass(frozen=True)
 class CLibrary:
-    """The C library of a package.
+    """The C library of a package."""
 
-    Attributes
-    ----------
-    package : str
-        Name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
-        ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in.
-    folder : Path
-        Where the sources and headers are, in the package's folder.
-    """
-
+    #: name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
+    #: ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in
     package: str
-    folder: Path
+    folder: Path  #: where the sources and headers are, in the package's folder
 
     @cached_property
     def ffi(self) -> Any:

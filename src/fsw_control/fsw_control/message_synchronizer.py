@@ -19,29 +19,18 @@ class JoinRules(NamedTuple):
     the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
     operator's page draws one for each sample of the drives (`fsw_hmi.weld_view`); in a bag all stamps are known
     (`fsw_analysis.signals`).
-
-    Attributes
-    ----------
-    jump_ns : int
-        Distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock.
-    agreeing : int
-        Sources with the same outlier that make it a jump of time; a single one does where nothing else comes.
-    pending_ticks : int
-        Incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed.
-    extension : float
-        Share of its patience that a tick is given, once, when this process itself has missed its deadline.
-    kept_drives : int
-        Samples of the drives that are kept for their tick; more than a queue holds after a stall.
-    unanswered : int
-        Ticks without a command after which commands are not waited for.
     """
 
+    #: distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock
     jump_ns: int = 1_000_000_000
+    #: sources with the same outlier that make it a jump of time; a single one does where nothing else comes
     agreeing: int = 2
+    #: incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed
     pending_ticks: int = 2
+    #: share of its patience that a tick is given, once, when this process itself has missed its deadline
     extension: float = 1.0 / 3.0
-    kept_drives: int = 16
-    unanswered: int = 3
+    kept_drives: int = 16  #: samples of the drives that are kept for their tick; more than a queue holds after a stall
+    unanswered: int = 3  #: ticks without a command after which commands are not waited for
 
 
 RULES = JoinRules()
@@ -50,29 +39,15 @@ JUMP_NS = RULES.jump_ns
 
 @dataclass(slots=True)
 class SampleSet:
-    """The samples of one stamp.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    begun_s : float
-        Arrival of the first one on the steady clock.
-    values : dict of str to float
-        By sensor; one that did not come is absent.
-    drives : Command or None
-        Force and speed that act, as the drives report them; None where their sample did not come.
-    restarted : bool
-        Whether time jumped before this tick, so that the past must be forgotten.
-    extended : bool
-        Whether its deadline was extended, once.
-    """
+    """The samples of one stamp."""
 
     stamp_ns: int
-    begun_s: float
-    values: dict[str, float] = field(default_factory=dict)
+    begun_s: float  #: arrival of the first one on the steady clock
+    values: dict[str, float] = field(default_factory=dict)  #: by sensor; one that did not come is absent
+    #: force and speed that act, as the drives report them; None where their sample did not come
     drives: Command | None = None
-    restarted: bool = False
-    extended: bool = False
+    restarted: bool = False  #: whether time jumped before this tick, so that the past must be forgotten
+    extended: bool = False  #: whether its deadline was extended, once
 
 
 class AcceptedSamples(NamedTuple):

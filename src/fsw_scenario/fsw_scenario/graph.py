@@ -34,31 +34,16 @@ def for_standby(parameter_file: str) -> str:
 
 @dataclass(slots=True)
 class WeldGraph:
-    """Everything that runs for one scenario.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    folder : Path
-        Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
-    controllers : sequence of str
-        All that run, by name; the scenario's own are added.
-    realtime : bool
-        10 Hz on the wall clock instead of lockstep.
-    record : bool
-        Whether a recorder runs.
-    standby : bool
-        Whether a second supervisor stands by.
-    parameters : mapping of str to mapping
-        Parameters of the controllers' nodes, by name of the controller; the others have their defaults.
-    """
+    """Everything that runs for one scenario."""
 
     scenario: Scenario
+    #: gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be
     folder: Path
-    controllers: Sequence[str] = ()
-    realtime: bool = False
-    record: bool = True
-    standby: bool = False
+    controllers: Sequence[str] = ()  #: all that run, by name; the scenario's own are added
+    realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
+    record: bool = True  #: whether a recorder runs
+    standby: bool = False  #: whether a second supervisor stands by
+    #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property

@@ -16,21 +16,13 @@ _LEAD_TICKS = 5
 
 
 class WayBack(NamedTuple):
-    """From the set-points in force to the programme.
+    """From the set-points in force to the programme."""
 
-    Attributes
-    ----------
-    start, goal : Reference
-        Where it begins, and where it meets the programme.
-    duration_s : float
-    changes : dict of int to Reference
-        By tick of the programme.
-    """
-
+    #: where it begins, and where it meets the programme
     start: Reference
     goal: Reference
     duration_s: float
-    changes: dict[int, Reference]
+    changes: dict[int, Reference]  #: by tick of the programme
 
     def __str__(self) -> str:
         if self.start == self.goal and not self.changes:
