@@ -40,16 +40,11 @@ _OF_A_WELD = re.compile(
 
 
 class Table:
-    """Columns of one topic's messages, in order of receipt; damaged messages are left out.
-
-    Attributes
-    ----------
-    log_ns, publish_ns, stamp_ns : IntArray
-        Times of each message [ns]; the stamp is 0 where the type has none.
-    """
+    """Columns of one topic's messages, in order of receipt; damaged messages are left out."""
 
     def __init__(self, times: Sequence[tuple[int, int, int]], columns: dict[str, Column]) -> None:
         log_ns, publish_ns, stamp_ns = zip(*times, strict=True) if times else ((), (), ())
+        #: times of each message [ns]; the stamp is 0 where the type has none
         self.log_ns, self.publish_ns = (np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns))
         self.stamp_ns: IntArray = np.array(stamp_ns, np.int64)
         self._columns = columns

@@ -76,11 +76,6 @@ class Dataset:
     resume : bool
         Whether to continue with the rows that are there already.
 
-    Attributes
-    ----------
-    done : set of (int, str)
-        Number and controller of each weld in the folder.
-
     Raises
     ------
     CampaignError
@@ -112,7 +107,7 @@ class Dataset:
             ) from None
         except OSError as error:
             raise CampaignError(f"cannot write to folder {folder}: {error.strerror}") from None
-        self.done: set[tuple[int, str]] = set()
+        self.done: set[tuple[int, str]] = set()  #: number and controller of each weld in the folder
         if parts := _parts(folder):
             keys = _read(parts, ["index", "controller"])
             self.done = set(zip(keys["index"].to_pylist(), keys["controller"].to_pylist(), strict=True))

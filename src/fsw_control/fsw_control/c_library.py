@@ -155,13 +155,7 @@ class CLibrary:
         return None
 
     def ensure(self) -> Path:
-        """Return a usable library, built now if necessary.
-
-        Raises
-        ------
-        RuntimeError
-            If there is none and none can be built; the message says why.
-        """
+        """Return a usable library, built now if necessary; RuntimeError if there is none and none can be built."""
         return self.find() or self.build()
 
     def build(self, library: Path | None = None) -> Path:

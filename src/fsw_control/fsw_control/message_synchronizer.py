@@ -63,18 +63,11 @@ class StampFilter:
     An outlier (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not accepted until a
     second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken clock cannot stop
     the others.
-
-    Attributes
-    ----------
-    newest_ns : int or None
-        Newest accepted stamp; None before the first.
-    jumps : int
-        Jumps of time since the start.
     """
 
     def __init__(self, silence_s: float) -> None:
-        self.newest_ns: int | None = None
-        self.jumps = 0
+        self.newest_ns: int | None = None  #: newest accepted stamp; None before the first
+        self.jumps = 0  #: jumps of time since the start
         self._silence_s = silence_s
         self._accepted_s = float("-inf")
         self._outliers: dict[str, tuple[int, float]] = {}
@@ -106,20 +99,13 @@ class MessageSynchronizer:
 
     The drives' sample is optional: it neither begins nor confirms a tick, and a tick does not wait for it. Only in
     lockstep (``await_drives``) does a tick wait for it, provided that the previous tick had one.
-
-    Attributes
-    ----------
-    stamps : StampFilter
-        Decides which stamps are accepted.
-    counts : dict of str to dict of str to int
-        By sensor, its samples ``late``, ``duplicate`` and ``missing`` since start.
-    missed : frozenset of str
-        Sensors (and ``drives``, ``command``) that were missing in the last tick.
     """
 
     def __init__(self, await_drives: bool = False) -> None:
-        self.stamps = StampFilter(silence_s=1.0)
+        self.stamps = StampFilter(silence_s=1.0)  #: decides which stamps are accepted
+        #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
         self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
+        #: sensors (and ``drives``, ``command``) that were missing in the last tick
         self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
         self._command_ns: int | None = None

@@ -38,15 +38,11 @@ class VectorRecorder:
     library : CController
         Its ``step`` is replaced meanwhile.
     inputs, outputs : sequence of Signal
-
-    Attributes
-    ----------
-    ticks, answers : list of tuple of float
-        A row of values per step, in the order of the signals.
     """
 
     def __init__(self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
         self.library, self.inputs, self.outputs = library, inputs, outputs
+        #: a row of values per step, in the order of the signals
         self.ticks: list[tuple[float, ...]] = []
         self.answers: list[tuple[float, ...]] = []
         self._step = library.step

@@ -66,12 +66,6 @@ class BagReader:
         A rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
         ``.mcap``, ``.db3``.
 
-    Attributes
-    ----------
-    problems : list of str
-        What is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power failure,
-        full disk) is read up to its end, damaged places are passed over.
-
     Raises
     ------
     BagError
@@ -80,6 +74,8 @@ class BagReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        #: what is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power
+        #: failure, full disk) is read up to its end, damaged places are passed over
         self.problems: list[str] = []
         self.metadata = BagMetadata()
         self._stack = ExitStack()

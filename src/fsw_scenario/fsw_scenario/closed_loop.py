@@ -134,10 +134,6 @@ class ClosedLoop:
     controllers : mapping of str to Controller
         By name; a scenario without controller needs none.
 
-    Attributes
-    ----------
-    plant : PlantEmulator
-
     Raises
     ------
     fsw_schema.models.InputError
