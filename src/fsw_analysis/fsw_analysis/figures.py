@@ -178,15 +178,9 @@ def _draw_page(
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
+    """Plot the process alone in open loop like the paper's Figs. 4 and 5, as a PNG file.
 
-    Parameters
-    ----------
-    columns : mapping of str to FloatArray
-        ``time_s``, and by the names of a weld's signals what the panels show, each (n,).
-    title : str
-    path : Path
-        PNG file to write.
+    ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each (n,).
     """
     with matplotlib.rc_context(STYLE):
         figure, axes = _page(title, _OPEN_LOOP, 1)

@@ -68,18 +68,6 @@ class WeldMessages:
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
 
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    namespace : str
-        In which the weld ran; empty or e.g. ``/hall/cell1``.
-    topics : dict of str to RecordedTopic
-    raw : dict of str to list of (int, int, bytes)
-        Log time, publish time and data of every message of a topic; both by name without namespace.
-    attachments : dict of str to bytes
-    problems : list of str
-
     Raises
     ------
     BagError
@@ -104,8 +92,10 @@ class WeldMessages:
         if len(spaces) > 1 and "" not in spaces:
             several = ", ".join(sorted(spaces))
             raise BagError(f"{path}: holds several welds, in {several}: convert or record one of them")
+        #: in which the weld ran, e.g. ``/hall/cell1``; the names of topics are without it
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
+        #: log time, publish time and data of every message of a topic
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:

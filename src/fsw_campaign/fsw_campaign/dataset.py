@@ -67,19 +67,13 @@ class _Manifest(Model):
 class Dataset:
     """Writes the rows of one campaign into a folder; a context.
 
-    Files appear under their name when they are complete, so that the folder can be read at any time.
-
-    Parameters
-    ----------
-    folder : Path
-    campaign : Campaign
-    resume : bool
-        Whether to continue with the rows that are there already.
+    Files appear under their name only when they are complete, so that the folder can be read at any time. With
+    ``resume`` the rows that are already there are kept and the missing ones added.
 
     Raises
     ------
     CampaignError
-        If the folder cannot be used: another campaign's, in use, or without ``resume`` not empty.
+        If the folder cannot be used: it is another campaign's, in use, or without ``resume`` not empty.
     """
 
     def __init__(self, folder: Path, campaign: Campaign, resume: bool = False) -> None:
@@ -184,7 +178,7 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     Raises
     ------
     ValueError
-        If it is not a campaign's, or without rows, or damaged.
+        If the folder is not a campaign's, has no rows yet, or is damaged.
     """
     campaign = definition.read(_read_manifest(folder).campaign, str(folder / _MANIFEST))
     parts = _parts(folder)

@@ -52,7 +52,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     Raises
     ------
     CampaignError
-        If no scheduler, or none with a worker, answers.
+        If the scheduler does not answer or has no workers.
     """
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.startswith(("distributed", "tornado", "asyncio")):
@@ -92,19 +92,9 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
 
 def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None = None) -> int:
-    """Run the missing welds; finished ones are always written.
+    """Run the missing welds and return how many were run; finished ones are always written.
 
-    Parameters
-    ----------
-    dataset : Dataset
-    client : Client
-    progress : callable, optional
-        Called with the number of welds finished.
-
-    Returns
-    -------
-    int
-        Welds run.
+    ``progress`` is called with the number of welds finished.
 
     Raises
     ------

@@ -38,7 +38,7 @@ def _controllers(text: str, label: str, names: tuple[str, ...]) -> dict[str, Con
 
 
 def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[str]]]) -> list[Row]:
-    """Run welds one after the other.
+    """Run welds one after the other and return their rows of the dataset.
 
     Parameters
     ----------
@@ -46,11 +46,6 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
         Of the campaign, see ``Campaign.text``.
     batch : sequence of (int, mapping, sequence of str)
         Number of a weld, its parameters by path, and the labels of the controllers to run.
-
-    Returns
-    -------
-    list of dict
-        A row of the dataset for each.
     """
     campaign = _campaign(text)
     entrants = {one.label: one for one in campaign.entrants}

@@ -211,22 +211,9 @@ class CLibrary:
 class CController:
     """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
 
-    Parameters
-    ----------
-    library : CLibrary
-    lib : Any
-        The loaded library, by default ``library.lib``.
-    refusal : str
-        Error text if the library refuses a tuning.
-    data : Any
-        Arguments of ``fsw_NAME_init``.
-
-    Attributes
-    ----------
-    state : Any
-        The controller's memory, a ``fsw_NAME *``.
-    input, output : Any
-        Arguments of :meth:`step`.
+    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a tuning, and ``data`` are
+    the arguments of ``fsw_NAME_init``. ``state`` is the memory, a ``fsw_NAME *``; ``input`` and ``output`` are the
+    arguments of :meth:`step`.
 
     Raises
     ------
@@ -247,13 +234,7 @@ class CController:
             raise ValueError(refusal)
 
     def configure(self, tuning: Any) -> None:
-        """Use another tuning; the proposals do not jump.
-
-        Raises
-        ------
-        ValueError
-            If the tuning is not usable; the controller keeps the previous one.
-        """
+        """Use another tuning, without a bump; ValueError if it is not usable: the previous one is kept."""
         if self._configure(self.state, tuning):
             raise ValueError(self._refusal)
 

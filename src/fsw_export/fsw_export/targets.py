@@ -30,13 +30,7 @@ def published(name: str, target: str) -> dict[str, Any] | None:
 
 
 def results_page(measured: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
-    """The page of measured figures of all exports.
-
-    Parameters
-    ----------
-    measured : mapping of str to mapping of str to mapping
-        By export and target, as ``benchmarks/targets.py`` measures them.
-    """
+    """The page of measured figures, by export and target as ``benchmarks/targets.py`` measures them."""
     exports = {_TITLES[name]: list(map(_derived, targets.values())) for name, targets in measured.items()}
     return render("targets.md", exports=exports)
 

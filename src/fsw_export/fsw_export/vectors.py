@@ -31,14 +31,7 @@ _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 class VectorRecorder:
-    """Notes input and output of every step of a library, inside a ``with``.
-
-    Parameters
-    ----------
-    library : CController
-        Its ``step`` is replaced meanwhile.
-    inputs, outputs : sequence of Signal
-    """
+    """Records input and output of every step of a library, inside a ``with``, which replaces its ``step``."""
 
     def __init__(self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
         self.library, self.inputs, self.outputs = library, inputs, outputs
@@ -75,7 +68,7 @@ def recorded(
     Raises
     ------
     ExportError
-        If the controller cannot be exported, or cannot hold its model.
+        If the controller cannot be exported, or cannot control its model.
     """
     controller: Any = make(choice.unit, choice.parameters)
     sources, model = sources_of(controller), choice.model

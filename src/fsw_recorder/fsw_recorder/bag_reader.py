@@ -140,14 +140,8 @@ class BagReader:
     ) -> Iterator[BagRecord]:
         """Messages in order of log time (within each file of a split bag).
 
-        Parameters
-        ----------
-        topics : collection of str, optional
-            Only these.
-        start_ns, stop_ns : int
-            Only messages with ``start_ns`` <= log time < ``stop_ns``.
-        progress : callable, optional
-            Called now and then with the fraction read, 0 to 1.
+        Only those of ``topics``, by default all, with ``start_ns`` <= log time < ``stop_ns``. ``progress`` is called
+        now and then with the fraction read, 0 to 1.
         """
         for position, part in enumerate(self._parts):
             for count, record in enumerate(part.records(topics, start_ns, stop_ns)):

@@ -145,7 +145,7 @@ def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tupl
 
 
 def simulated_sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
-    """The same by simulation: the response to an infinitesimal impulse on one sensor; inf if it does not die out."""
+    """The same by simulation: from the response to a tiny impulse on one sensor; inf if it does not die out."""
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
         pulse = np.zeros((3010, 3))
@@ -176,14 +176,11 @@ def _windows(case: str) -> dict[str, slice]:
 
 
 def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
-    """Errors of a set of gains in the standard events, noise-free.
+    """Errors of a set of gains in the standard events, noise-free; units in the names.
 
-    Returns
-    -------
-    dict of str to float
-        Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the
-        other output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of
-        a run, which tells a loop that swings. Units in the names.
+    Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the other
+    output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of a run,
+    which reveals an oscillating loop.
 
     Raises
     ------

@@ -122,16 +122,8 @@ class WeldGraph:
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start everything, wait for the scenario's end, end everything.
 
-        Parameters
-        ----------
-        launcher : Launcher
-        progress : callable, optional
-            Called with the share done, 0 to 1.
-
-        Returns
-        -------
-        float
-            Wall time from the first tick to the last [s], as the player saw it.
+        Returns the wall time from the first tick to the last [s], as the player saw it. ``progress`` is called with the
+        share done, 0 to 1.
 
         Raises
         ------

@@ -76,16 +76,8 @@ def propose(
 ) -> Proposal:
     """The best of some random binary sequences, by the largest ratio of a standard deviation to its aim.
 
-    Parameters
-    ----------
-    duration_s : float
-    closed : bool
-        Whether set-points are stepped under the decentralized controller, or force and speed without one.
-    model : ModelParameters
-        Of the process, as far as known.
-    tries : int
-    progress : callable, optional
-        Called with the share done.
+    ``closed``: set-points are stepped under the decentralized controller; otherwise force and speed, without
+    controller. ``model`` is the process as far as it is known. ``progress`` is called with the share done.
     """
 
     def worst(found: Proposal) -> float:

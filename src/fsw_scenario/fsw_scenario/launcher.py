@@ -65,7 +65,7 @@ class Launcher:
     Parameters
     ----------
     log_folder : Path
-        Made if need be; one ``<name>.log`` per process.
+        Made if necessary; one ``<name>.log`` per process.
     domain : int
         ROS domain of all processes.
     patience_s : float
@@ -132,21 +132,12 @@ class Launcher:
     def wait_until(
         self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
     ) -> None:
-        """Wait for a condition while the processes run.
-
-        Parameters
-        ----------
-        condition : callable
-        timeout_s : float
-        what : str
-            What the condition is, for the error message.
-        watch : sequence of str, optional
-            Processes that must not end meanwhile; all by default.
+        """Wait until ``condition`` is true while the processes run; ``what`` names it in the error message.
 
         Raises
         ------
         LaunchError
-            When a watched process ends, or when it takes too long.
+            When a process of ``watch`` (by default any) ends, or when it takes too long.
         """
         end = time.monotonic() + timeout_s
         while not condition():
@@ -185,17 +176,9 @@ class _Restarts:
 
 
 class Respawn:
-    """Starts processes again that have ended, as the launch file does, and says so.
+    """Restarts processes that have ended, as the launch file does, and says so.
 
-    Parameters
-    ----------
-    launcher : Launcher
-    names : sequence of str
-        Running processes.
-    report : callable, optional
-        Takes a line for the person at the console.
-    clock : callable, optional
-        Monotonic time [s].
+    ``names`` are running processes; ``report`` gets a line for the person at the console; ``clock`` is monotonic.
     """
 
     def __init__(

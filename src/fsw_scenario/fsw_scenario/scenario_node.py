@@ -49,15 +49,10 @@ _MARK = "programme {}"
 
 
 class ScenarioNode(Node):
-    """The player.
+    """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
-    It subscribes to the sensors only when the first set-points are out and the controllers listen, so a plant that
-    waits for its subscribers starts when everything is ready. When the scenario is over it ends the process.
-
-    Parameters
-    ----------
-    source : str, optional
-        Scenario instead of the parameter ``scenario``.
+    It subscribes to the sensors only when the first set-points have been sent and the controllers listen, so a plant
+    that waits for its subscribers starts when everything is ready. When the scenario is over it ends the process.
 
     Raises
     ------
@@ -284,8 +279,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario has been played to its end, or when it was stopped before (reported); 1 when it cannot be
-        played on, 2 when something in the arguments is wrong, 3 when the programme was aborted.
+        0 when the scenario was played to its end, or stopped before (which is reported); 1 when it cannot go on, 2
+        when an argument is wrong, 3 when the programme was aborted.
     """
     argv = list(sys.argv if args is None else args)
     plain = remove_ros_args(args=argv)[1:]

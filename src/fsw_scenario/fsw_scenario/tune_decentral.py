@@ -147,7 +147,7 @@ def tune(
     evaluations: int = EVALUATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Gains:
-    """Search for a set of gains, from ``start_of`` on.
+    """Search for a set of gains from ``start_of`` on; rounded to three digits.
 
     Parameters
     ----------
@@ -156,14 +156,9 @@ def tune(
     parameters : ModelParameters, optional
         The paper's by default.
     evaluations : int
-        At most; of the cost, some 0.1 s each.
+        Largest number of evaluations of the cost, some 0.1 s each.
     progress : callable, optional
         Called with the share of the evaluations done, 0 to 1.
-
-    Returns
-    -------
-    Gains
-        Rounded to three digits.
     """
     p = parameters or nominal()
     start = start_of(name, p)

@@ -126,21 +126,11 @@ def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
 
 
 class PhaseMachine:
-    """Runs through the phases in order, tick by tick; can be held and resumed in any, and aborted for good.
+    """Runs through the phases (at least one) in order, tick by tick; can be held and resumed in any, and aborted.
 
-    Parameters
-    ----------
-    phases : sequence of Phase
-        At least one.
-
-    Attributes
-    ----------
-    tick : int
-        Ticks of the programme that have passed.
-    held : int
-        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock; less what
-        phases were shorter because the temperature was there.
-    state : State
+    ``tick`` counts the ticks of the programme that have passed; ``held`` is by how much the number of the process's
+    tick is larger: the ticks of holds and jumps of the clock, less those by which phases ended early because their
+    temperature was reached.
     """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
@@ -151,14 +141,10 @@ class PhaseMachine:
         self.state = State.RUNNING
 
     def follow(self, number: int, temperature_c: float = nan) -> bool:
-        """Take the number of the process's tick, 1 at the first, and what the thermocouple has shown.
+        """Take the number of the process's tick, 1 at the first, and the thermocouple's reading.
 
-        An old one or one of another clock does no harm.
-
-        Returns
-        -------
-        bool
-            Whether the programme has jumped to the end of a phase, because the temperature is there.
+        Returns whether the programme has jumped to the end of a phase because its temperature is reached. A number that
+        is old or of another clock does no harm.
         """
         passed = number - self.tick - self.held
         if abs(passed) > _CLOCK_JUMP_TICKS:

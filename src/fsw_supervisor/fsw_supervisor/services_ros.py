@@ -24,14 +24,8 @@ from fsw_supervisor.tick import Decision
 class OperatorServices:
     """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    arbiter : Arbiter
-    leads : callable
-        Awaited before a request is acted on and before success is answered: whether this supervisor leads.
-    publish : callable
-        Publishes the consequences of a request.
+    ``leads`` is awaited before a request is acted on and before success is answered: whether this supervisor leads.
+    ``publish`` publishes the consequences of a request.
     """
 
     def __init__(
