@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.bags import add_bag_command, print_kpis, welds_of
-from fsw.outputs import add_force, check_new
+from fsw.options import add_force
+from fsw.outputs import check_new
 
 
 def add_command(commands: Any) -> None:

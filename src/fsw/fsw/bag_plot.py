@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw.bags import add_bag_command, draw_figures, welds_of
-from fsw.outputs import add_force
+from fsw.options import add_force
 
 
 def add_command(commands: Any) -> None:
