@@ -26,7 +26,7 @@ from fsw_schema.models import Model, content_of, read_text, validate
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
 _WELDS = "welds"
-#: rows of a file below which it is joined with others
+#: files with fewer rows are joined
 _SMALL = 5000
 _COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command")
 #: columns that differ from run to run
@@ -124,7 +124,7 @@ class Dataset:
             )
 
     def missing(self) -> list[tuple[int, list[str]]]:
-        """Welds that are to be run: number, and labels of the controllers."""
+        """Welds that are still to be run: number, and labels of the controllers."""
         labels = [one.label for one in self.campaign.entrants]
         found = ((i, [label for label in labels if (i, label) not in self.done]) for i in range(self.campaign.welds))
         return [(index, left) for index, left in found if left]
@@ -146,8 +146,8 @@ class Dataset:
     def compact(self) -> None:
         """Join small files into one: each has an overhead of some 25 kB.
 
-        The joined file takes the place of the first; should it end before the others are deleted, their rows are there
-        twice, and are read once.
+        The joined file takes the place of the first. If the process ends before the others are deleted, their rows
+        exist twice and are read once.
         """
         small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
         if len(small) > 1:

@@ -69,7 +69,7 @@ class Bounds(Model):
 
 
 class Limit(Bounds):
-    """A weld is inside while the signal is, but for ``at_most_s`` in total."""
+    """Bounds of a signal; a weld is inside if the signal is outside them for at most ``at_most_s`` in total."""
 
     at_most_s: Annotated[float, TIME_S] = 0.0
 

@@ -75,7 +75,7 @@ class Distribution(Model):
 
     @property
     def extremes(self) -> tuple[Any, ...]:
-        """Values that must all be allowed for the distribution to be: its bounds and middle, or all its choices."""
+        """Values that must all be valid: the bounds and the middle of the distribution, or all its choices."""
         return self.choice or (*self.bounds, self.value(0.5))
 
     def value(self, share: float) -> Any:

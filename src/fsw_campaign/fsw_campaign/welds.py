@@ -21,7 +21,7 @@ from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
 
 Row = dict[str, Any]
-#: what a weld can come to
+#: possible outcomes of a weld
 OK, DIVERGED, ERROR = "ok", "diverged", "error"
 
 
@@ -49,7 +49,7 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
     """
     campaign = _campaign(text)
     entrants = {one.label: one for one in campaign.entrants}
-    gc.disable()  # a weld makes many objects and no circles of them
+    gc.disable()  # a weld makes many objects and no reference cycles
     try:
         return [
             run_weld(campaign, index, parameters, entrants[label])

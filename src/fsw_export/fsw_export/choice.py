@@ -30,12 +30,12 @@ class Choice:
 
     @cached_property
     def parameters(self) -> dict[str, Any]:
-        """All that is not left to the defaults of the controller's node or of the plant.
+        """All parameters that differ from the defaults of the controller's node or of the plant.
 
         Raises
         ------
         ExportError, InputError
-            If there cannot be a tuning, or its file cannot be used.
+            If the unit takes no tuning, or the file of the tuning cannot be used.
         """
         if self.unit == "decentral":
             return self._of_spindle() | self._gains() | dict(self.values)

@@ -20,7 +20,7 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
 
-#: share of the inputs that are wrong in the vectors with faults, and what they are then
+#: share of the inputs that are wrong in the vectors with faults, and their values then
 _SHARE = 0.03
 _WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
 _WRONG_INTS = (0, 1, -7)
@@ -49,7 +49,7 @@ class VectorRecorder:
 
     def _noted(self) -> None:
         if hasattr(self.library.input, "n_changes"):
-            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the files have room for one
+            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the CSV files have columns for one
         self.ticks.append(_row(self.library.input, self.inputs))
         self._step()
         self.answers.append(_row(self.library.output, self.outputs))

@@ -1,4 +1,4 @@
-"""The controllers that can be named: ours, those of installed packages, and those in a user's own module or file."""
+"""Controllers by name: ours, those of installed packages, and those in a user's own module or file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
 
-#: Our own, by name: where the class is; entry points, too, but a source tree has none.
+#: Ours, by name: where the class is. They are entry points, too, but a source tree has none.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 
@@ -57,7 +57,7 @@ def _parts(label: str) -> tuple[str, str]:
     if not word:
         known = f"available: {', '.join(KNOWN)}; or name your own as MODULE:CLASS or FILE.py:CLASS"
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
-    # a process that is started elsewhere finds the file, too
+    # absolute, so that a process started in another folder finds the file
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
     name = str(_class_at(place).name)
     if KNOWN.setdefault(name, place) != place:

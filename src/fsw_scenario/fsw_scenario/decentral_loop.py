@@ -121,7 +121,8 @@ def loop_response(
     by_torque = by_torque - power * KW_PER_NM_RPM * speed * lag(gains.power_filter)
     inertia = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     friction = p.friction_linear_nm_per_rpm + 2.0 * p.friction_quadratic_nm_per_rpm2 * speed
-    # of the speed, through what the controller takes off the torque; the peak is in the measurement as well, later
+    # effect of the speed by the inertia and friction that the controller subtracts from the torque; the measurement
+    # has the inertia peak, too, but later
     own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
     solved = 1.0 - by_torque * own + power * KW_PER_NM_RPM * torque * back
     by_power = 1.0 / (torque * KW_PER_NM_RPM) + power

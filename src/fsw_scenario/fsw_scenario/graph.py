@@ -20,9 +20,9 @@ from fsw_scenario.scenario import Scenario
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
-#: how long the first tick may take, and so the end
+#: how long the first tick may take, and how much longer than the scenario its end
 _PATIENCE_S = 240.0
-#: how long lockstep waits for controllers, so that a machine that stands still meanwhile gives the same weld
+#: how long lockstep waits for controllers, so that a machine that stalls meanwhile gives the same weld
 _LOCKSTEP_S = 30.0
 _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
 

@@ -120,7 +120,7 @@ class ProgrammeServer:
             )
 
     def on_tick(self, stamp_ns: int) -> None:
-        """Report where due."""
+        """Report the progress when it is due."""
         self._stamp_ns = stamp_ns
         self._ticks_since_report += 1
         if self._state() != self._reported or self._ticks_since_report >= _TICKS_PER_REPORT:
