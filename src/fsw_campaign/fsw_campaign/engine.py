@@ -80,12 +80,13 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise CampaignError(f"no scheduler answers at {scheduler}: {reason}") from None
         try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+            except TimeoutError:
+                raise CampaignError(
+                    f"the scheduler at {scheduler} has no workers; start some: dask worker ADDRESS"
+                ) from None
             yield client
-        except TimeoutError:
-            raise CampaignError(
-                f"the scheduler at {scheduler} has no workers; start some: dask worker ADDRESS"
-            ) from None
         finally:
             with suppress(Exception):  # the scheduler may be gone
                 client.close(timeout=2)
