@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.options import add_file, add_repeated
 from fsw.progress import ProgressBar
@@ -83,7 +84,6 @@ def _run_c(arguments: argparse.Namespace) -> int:
 
 def _run_fmu(arguments: argparse.Namespace) -> int:
     from fsw_export import fmu
-    from fsw_export.fmu_description import table
 
     try:
         fmu.check_file(arguments.out, arguments.force)
@@ -91,6 +91,7 @@ def _run_fmu(arguments: argparse.Namespace) -> int:
         fmu.write(content, arguments.out, arguments.force, arguments.platform)
     except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None
-    print(table(content))
-    print(f"{arguments.out}: {len(content.variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
+    variables = content.variables
+    print_table([(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in variables])
+    print(f"{arguments.out}: {len(variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
     return 0

@@ -149,13 +149,6 @@ def model_description(content: Content, sources: Sequence[str], guid: str) -> st
     )
 
 
-def table(content: Content) -> str:
-    """All variables as text: one line each."""
-    rows = [(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in content.variables]
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    return "\n".join("  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[4]]) for row in rows)
-
-
 def source(name: str) -> str:
     """Text of a C file that is the same in every export."""
     return (_FOLDER / name).read_text(encoding="utf-8")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -145,13 +144,6 @@ class Launcher:
             if time.monotonic() > end:
                 raise LaunchError(f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}")
             time.sleep(_POLL_S)
-
-    def wait_for_text(self, name: str, pattern: str, timeout_s: float = 120.0) -> str:
-        """Wait until a process has printed something that matches; returns what matched."""
-        child = self.children[name]
-        self.wait_until(lambda: re.search(pattern, child.text()), timeout_s, f"{name} to print {pattern!r}")
-        match = re.search(pattern, child.text())
-        return match[0] if match else ""
 
     def stop(self, *names: str) -> dict[str, int]:
         """End processes (all by default, the last started first) and return their exit codes."""
