@@ -14,6 +14,7 @@ from fsw.errors import CommandError
 from fsw.options import add_file, add_force, add_number, add_repeated
 from fsw.outputs import check_new, default_folder, new_folder
 from fsw.progress import ProgressBar
+from fsw_schema.files import replacing
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
 
@@ -200,12 +201,8 @@ def _pictures(
 def _in_place(file: Path, write: Callable[[Path], None]) -> None:
     """Write a file that is there only when it is whole."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f".{file.stem}.part{file.suffix}")
-    try:
+    with replacing(file) as part:
         write(part)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +20,7 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
+from fsw_schema.files import replacing
 from fsw_schema.models import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
@@ -89,7 +89,7 @@ class Dataset:
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for left in (folder / _WELDS).glob(".*.tmp"):
+            for left in (folder / _WELDS).glob(".*.tmp.parquet"):
                 left.unlink()
             if not manifest.exists():
                 _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
@@ -134,10 +134,9 @@ class Dataset:
         if not rows:
             return
         target = self.folder / _WELDS / f"{self._next:08d}.parquet"
-        scratch = target.with_name(f".{target.name}.tmp")
         try:
-            pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
-            os.replace(scratch, target)
+            with replacing(target) as scratch:
+                pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
         except OSError as error:
             raise CampaignError(f"cannot write {target}: {error.strerror or error}") from None
         self._next += 1
@@ -151,9 +150,8 @@ class Dataset:
         """
         small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
         if len(small) > 1:
-            scratch = small[0].with_name(f".{small[0].name}.tmp")
-            pq.write_table(_read(small), scratch, compression="zstd")
-            os.replace(scratch, small[0])
+            with replacing(small[0]) as scratch:
+                pq.write_table(_read(small), scratch, compression="zstd")
             for path in small[1:]:
                 path.unlink()
 
@@ -207,6 +205,5 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
 
 
 def _write(path: Path, text: str) -> None:
-    scratch = path.with_name(f".{path.name}.tmp")
-    scratch.write_text(text, encoding="utf-8")
-    os.replace(scratch, path)
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")

@@ -17,7 +17,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,6 +24,8 @@ from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from fsw_schema.files import replacing, user_cache
 
 # no contraction: the same results on every machine, whatever the width of its vectors
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
@@ -128,10 +129,8 @@ class CLibrary:
 
     def cache_path(self) -> Path:
         """Where the library for these sources and this machine is kept."""
-        cache = os.environ.get("XDG_CACHE_HOME", "")
-        folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
         text = "\0".join([self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])
-        return folder / self.package / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
+        return user_cache(self.package) / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
 
     def is_usable(self, library: Path) -> bool:
         """Whether a library can be loaded and was made from these sources."""
@@ -173,25 +172,20 @@ class CLibrary:
             If there is no compiler or it fails; the message has the compiler's output.
         """
         command = needed_compiler()
+        identity = f'-D{self._macro}="{self.source_id()}"'
+        files = [str(self.folder / name) for name in self.sources]
         try:
             library = library or self.cache_path()
             library.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".tmp", delete=False) as scratch:
-                target = Path(scratch.name)
+            with replacing(library) as target:
+                arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
+                try:
+                    run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
+                except RuntimeError:
+                    run_compiler([*command, *arguments])
+                target.chmod(0o755)
         except OSError as error:
-            raise RuntimeError(f"cannot make a folder for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
-        identity = f'-D{self._macro}="{self.source_id()}"'
-        files = [str(self.folder / name) for name in self.sources]
-        arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
-        try:
-            try:
-                run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
-            except RuntimeError:
-                run_compiler([*command, *arguments])
-            target.chmod(0o755)
-            target.replace(library)
-        finally:
-            target.unlink(missing_ok=True)
+            raise RuntimeError(f"cannot write the kernel's library: {error} (set XDG_CACHE_HOME)") from None
         return library
 
     def extension(self) -> dict[str, Any]:

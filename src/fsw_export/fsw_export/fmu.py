@@ -16,6 +16,7 @@ from fsw_export.errors import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
+from fsw_schema.files import replacing
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
@@ -83,18 +84,14 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
             files_c = [str(folder / name) for name in compiled]
             run_compiler([*command, *FLAGS, *files_c, "-o", str(binary), "-lm"])
             files[f"binaries/{platform}/{binary.name}"] = binary.read_bytes()
-    part = out.with_name(f".{out.name}.part")
     try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        with replacing(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, data in files.items():
                 entry = zipfile.ZipInfo(name)  # without a date: the same file every time
                 entry.external_attr = 0o644 << 16
                 archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
-        part.replace(out)
     except OSError as error:
         raise ExportError(f"cannot write {out}: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _sources(content: Content) -> tuple[dict[str, str], str]:
