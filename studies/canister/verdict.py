@@ -12,12 +12,14 @@ import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.definition import Campaign, Entrant, load
+from fsw_campaign.software import versions
 from fsw_control import weld
 from fsw_control.weld import TICK_S
 from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import spans
+from fsw_schema.models import InputError
 
 Row = dict[str, Any]
 #: within which a phase must stay, but for some seconds: the process window, and errors (chosen)
@@ -66,7 +68,7 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
 def run_weld(campaign: Campaign, index: int, entrant: Entrant) -> list[Row]:
     """The rows of a weld; one with ``stopped`` where it could not be welded to its end."""
     scenario = campaign.weld(campaign.parameters(index), entrant)
-    who = {"index": index, "controller": entrant.label}
+    who = {"index": index, "controller": entrant.label, "software": versions()}
     try:
         loop = ClosedLoop(scenario, campaign.controllers(scenario, entrant))
     except OperatingPointError as error:
@@ -93,5 +95,14 @@ def run(file: Path, welds: Sequence[int], minutes: float, controllers: Sequence[
 
 
 def read(files: Sequence[Path]) -> list[Row]:
-    """The rows of files."""
-    return [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    """The rows of files.
+
+    Raises
+    ------
+    InputError
+        If they are of several versions of the software.
+    """
+    rows = [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    if len(found := sorted({row.get("software", "unknown") for row in rows})) > 1:
+        raise InputError(f"{files[0].parent}: rows of several versions: {'; '.join(found)}; give another --out")
+    return rows

@@ -29,7 +29,7 @@ _SLOWER = 0.1
 #: modes that decay faster than this answer at once in what their basis leaves out [1/s]
 _FAST_PER_S = 0.1
 #: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for the responses
-_POSITIONS, _EVERY = 3, 2
+_POSITIONS, _EVERY = 6, 4
 #: power of the tolerance
 _POWER_W = 50e3
 
