@@ -15,7 +15,7 @@ from fsw_identification.estimation import identify
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant import PlantConfig
-from fsw_plant.canister_process import reduced
+from fsw_plant.process import reduced
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of
