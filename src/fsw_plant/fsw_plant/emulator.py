@@ -22,18 +22,18 @@ from dataclasses import replace
 from math import expm1
 from typing import Any, NamedTuple
 
-from fsw_control import SENSORS, Command, weld
+from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_model import STEP_S, Equilibrium, OperatingPointError
+from fsw_model import STEP_S, Equilibrium, OperatingPointError, ProcessState
 from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.process import process_of
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.sensors import Sensor
+from fsw_plant.sensors import Sensors
 from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -118,10 +118,10 @@ class PlantEmulator:
 
     def __init__(self, config: PlantConfig | None = None, schedule: PlantSchedule | None = None) -> None:
         self.config = config or PlantConfig.from_values({})
-        self._schedule = schedule or PlantSchedule()
+        self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK
         self._process = process_of(self.config)
-        self._travel = ToolTravel(self._schedule.path, self.config)
+        self._travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
         self._start(self._equilibrium(None, None))
 
@@ -130,11 +130,7 @@ class PlantEmulator:
         temperature = self.config["start.temperature_c"] if temperature_c is None else temperature_c
         motion = self._travel.motion(self.tick)
         start = self._process.start(depth, temperature, self.config["start.power_kw"], motion)
-        if refusal(Command(start.force_kn, start.speed_rpm), self.config.limits) is not None:
-            raise OperatingPointError(
-                f"start: {depth:g} mm, {temperature:g} degC needs {start.force_kn:.2f} kN and "
-                f"{start.speed_rpm:.1f} rpm, beyond the drives' limits"
-            )
+        _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
     def _start(self, start: Equilibrium) -> None:
@@ -150,16 +146,11 @@ class PlantEmulator:
         self.faults: dict[str, Fault] = {}
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._sensors = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
+        self._sensors = Sensors(config)
 
-    @property
-    def schedule(self) -> PlantSchedule:
-        """Timed disturbances and faults, and the tool's path."""
-        return self._schedule
-
-    @schedule.setter
-    def schedule(self, schedule: PlantSchedule) -> None:
-        self._schedule = schedule
+    def take(self, schedule: PlantSchedule) -> None:
+        """Follow another schedule."""
+        self.schedule = schedule
         self._travel.take(schedule.path)
 
     @property
@@ -178,9 +169,9 @@ class PlantEmulator:
         """The samples sent at the present tick, the same at every call; ``stamp_ns`` replaces the tick's own time."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
-        if self._schedule.events:
+        if self.schedule.events:
             lag_s = self._travel.lag_s
-            for event in self._schedule.due(self._travel.programme_s(self.tick)):
+            for event in self.schedule.due(self._travel.programme_s(self.tick)):
                 self._begin(replace(event, at_s=event.at_s + lag_s) if lag_s else event)
         stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
         outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
@@ -192,10 +183,7 @@ class PlantEmulator:
         )
         if self.faults:
             self.faults = {name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)}
-        depth, torque, temperature = [
-            sensor.send(value, stamp, self.faults.get(name), self.time_s)
-            for name, sensor, value in zip(SENSORS, self._sensors, shown, strict=True)
-        ]
+        depth, torque, temperature = self._sensors.send(shown, stamp, self.faults, self.time_s)
         self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
         return self._reading
 
@@ -258,7 +246,7 @@ class PlantEmulator:
         try:
             force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
             self._process.advance(self._state, force_kn, speed_rpm, motion)
-            self._add_torque(self._disturbance("torque"))
+            _add_torque(self._state, self._disturbance("torque"), self.config.model.motor_lag_s)
             self._outputs = self._process.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
@@ -266,13 +254,6 @@ class PlantEmulator:
         acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
         self._inertia_torque_nm = self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
         self._acting = end
-
-    def _add_torque(self, torque_nm: float) -> None:
-        """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
-        if torque_nm:
-            *others, motor_nm = self._state.x
-            reached = -expm1(-STEP_S / self.config.model.motor_lag_s)
-            self._state.x = (*others, motor_nm + reached * torque_nm)
 
     def truth(self) -> Truth:
         """The plant as it is at the present tick, in the inputs of the step that ended there."""
@@ -353,16 +334,19 @@ class PlantEmulator:
         self.gate.configure(config.limits, config["commands.max_age_s"], config["commands.sources"])
         self._force.configure(config.limits.force_step_kn, config["actuators.lag_s"])
         self._speed.configure(config.limits.speed_step_rpm, config["actuators.lag_s"])
-        for sensor, (noise, resolution) in zip(self._sensors, _sensor_noise(config), strict=True):
-            sensor.noise, sensor.resolution = noise, resolution
+        self._sensors.configure(config)
 
 
-def _sensor_noise(config: PlantConfig) -> tuple[tuple[float, float], ...]:
-    """Noise and resolution of each sensor, in the order of ``SENSORS``."""
-    if not config["noise"]:
-        return ((0.0, 0.0),) * len(SENSORS)
-    return (
-        (config["sensors.depth_noise_mm"], config["sensors.depth_resolution_mm"]),
-        (config["sensors.torque_noise_nm"], config["sensors.torque_resolution_nm"]),
-        (config["sensors.temperature_noise_c"], config["sensors.temperature_resolution_c"]),
-    )
+def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:
+    """Refuse a start that the drives cannot give."""
+    if refusal(Command(start.force_kn, start.speed_rpm), limits) is not None:
+        raise OperatingPointError(
+            f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, beyond the drives' limits"
+        )
+
+
+def _add_torque(state: ProcessState, torque_nm: float, motor_lag_s: float) -> None:
+    """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
+    if torque_nm:
+        *others, motor_nm = state.x
+        state.x = (*others, motor_nm + -expm1(-STEP_S / motor_lag_s) * torque_nm)

@@ -278,7 +278,7 @@ class PlantNode(Node):
     def _configure(self, values: dict[str, Any]) -> None:
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
-            self._plant.schedule = PlantSchedule.from_text_or_file(self._scenario)
+            self._plant.take(PlantSchedule.from_text_or_file(self._scenario))
         self._plant.reconfigure(PlantConfig.from_values(values))
         self._writers.set_sources()
 
