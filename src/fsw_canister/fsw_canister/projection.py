@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.elements import Elements, one_thread
+from fsw_canister.elements import Elements, elements_of, one_thread
 from fsw_canister.parameters import CanisterParameters
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ def project(parameters: CanisterParameters, progress: Progress | None = None) ->
         If scikit-fem is not installed.
     """
     with one_thread():
-        return _project(Elements(parameters), progress)
+        return _project(elements_of(parameters), progress)
 
 
 def _project(elements: Elements, progress: Progress | None) -> Projection:
