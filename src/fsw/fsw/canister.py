@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fsw.console import print_table
 from fsw.errors import CommandError
@@ -92,24 +92,25 @@ def _check(arguments: argparse.Namespace) -> None:
         if not can_film(arguments.film):
             raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
     check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
-    for text in arguments.probe:
-        _place(text)
+    arguments.probe = [_probe(text) for text in arguments.probe]
 
 
-def _place(text: str) -> tuple[float, float, float]:
-    """Radius [mm], angle [rad] and height [mm] of a thermocouple."""
+class _Probe(NamedTuple):
+    """A virtual thermocouple: as it was given, in words for a figure, and radius [mm], angle [rad], height [mm]."""
+
+    text: str
+    words: str
+    place: tuple[float, float, float]
+
+
+def _probe(text: str) -> _Probe:
     try:
         r, degrees, z = map(float, text.split(","))
     except ValueError:
         raise CommandError(f"--probe {text}: give radius, angle and height as R,ANGLE,Z, e.g. 525,90,-50") from None
     if not isfinite(r + degrees + z):
         raise CommandError(f"--probe {text}: not finite")
-    return r, radians(degrees), z
-
-
-def _words(text: str) -> str:
-    r, degrees, z = map(float, text.split(","))
-    return f"{r:g} mm, {degrees:g}°, {z:+g} mm"
+    return _Probe(text, f"{r:g} mm, {degrees:g}°, {z:+g} mm", (r, radians(degrees), z))
 
 
 def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
@@ -123,19 +124,16 @@ def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
     return sorted(arguments.at) or named or [share * end_s for share in _MOMENTS.values()]
 
 
-def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[str, Any], float]:
+def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[_Probe, Any], float]:
     """The heat over time, the thermocouples by name, and what a step took [us]."""
     from fsw_canister import load_or_reduce
-    from fsw_canister.elements import Elements
+    from fsw_canister.elements import elements_of
     from fsw_canister.history import heat_history
     from fsw_model import STEP_S
 
-    places = [_place(text) for text in arguments.probe]
-    elements = Elements(weld.parameters) if places else None
-    for text, (r, _, z) in zip(arguments.probe, places, strict=True):
+    for text, _, (r, _, z) in arguments.probe:
         try:
-            assert elements is not None
-            elements.at(1e-3 * r, 1e-3 * z)
+            elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
     with ProgressBar("heat conduction in the canister") as bar:
@@ -145,11 +143,11 @@ def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHi
         began = time.perf_counter()
         history = heat_history(canister, start, weld.course, STEP_S, bar)
         step_us = 1e6 * (time.perf_counter() - began) / history.time_s.size
-    columns = history.thermocouples(places).T if places else ()
+    columns = history.thermocouples([one.place for one in arguments.probe]).T
     return history, dict(zip(arguments.probe, columns, strict=True)), step_us
 
 
-def _write_table(table: Path, history: HeatHistory, probes: dict[str, Any]) -> None:
+def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -> None:
     """A row a second; of each thermocouple a column."""
     import numpy as np
 
@@ -164,7 +162,7 @@ def _write_table(table: Path, history: HeatHistory, probes: dict[str, Any]) -> N
         "tool_angle_deg": np.degrees(history.angle_rad[at]),
         "tool_axial_mm": course.axial_mm[at],
     }
-    columns |= {f"probe {text} [degC]": values[1:] for text, values in probes.items()}
+    columns |= {f"probe {one.text} [degC]": values[1:] for one, values in probes.items()}
     table.parent.mkdir(parents=True, exist_ok=True)
     write_table(columns, table)
 
@@ -173,7 +171,7 @@ def _pictures(
     arguments: argparse.Namespace,
     weld: CanisterWeld,
     history: HeatHistory,
-    probes: dict[str, Any],
+    probes: dict[_Probe, Any],
     moments_s: Sequence[float],
 ) -> list[str]:
     """Write what is wanted; what each file has, in words."""
@@ -181,7 +179,7 @@ def _pictures(
     if arguments.figure is not None or arguments.film is not None:
         from fsw_analysis.heat_figures import FILM_FPS, FILM_FRAMES, HeatPicture, draw_heat, film_heat
 
-        named = {_words(text): values for text, values in probes.items()}
+        named = {one.words: values for one, values in probes.items()}
         picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
             _in_place(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
