@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader
 
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
+from fsw_analysis.figure_style import COLOURS, STYLE, colours_of
 from fsw_model import nominal
 
 CONTROLLERS = ("nmpc:default", "nmpc:paper", "decentral:conservative", "decentral:tight")
@@ -24,6 +25,13 @@ _FIGURES = {
     "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
+}
+_SMALL: dict[str, Any] = {"fontsize": 7.0, "color": "dimgray"}
+#: in the figure of the steps, what is no canister
+_LINES: dict[str, dict[str, Any]] = {
+    "paper (16)": {"color": "black", "linestyle": "--"},
+    "line source in a plate, no edge": {"color": "grey", "linestyle": ":"},
+    "line source in a plate, edge at 60 mm": {"color": "grey", "linestyle": "-."},
 }
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
 _PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
@@ -96,34 +104,56 @@ def responses(found: Mapping[str, Any]) -> list[list[str]]:
 
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
-    """Steps, the needed power over the weld, and the verdict by phase."""
+    """Steps, the needed power over the weld, the error of the reduction, and the verdict by phase."""
+    import matplotlib
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 9.5), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1)
-    for name, of in data["validation"]["steps"].items():
-        top.plot(STEP_TIMES_S, list(of["rise_c"].values()), "k--" if name.startswith("paper") else "o-", label=name)
-    top.set(xscale="log", xlabel="time after the step [s]", ylabel="rise of 1 kW more [°C]")
-    top.legend(fontsize=8)
-    weld = data["validation"]["weld"]
-    middle.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
-    middle.axhline(nominal().operating_power_kw, color="grey", linestyle=":", label="paper's operating point")
-    for name, (begin, _) in weld["phases_s"].items():
-        middle.axvline(begin / 60.0, color="lightgrey")
-        if name in ("start", "joint_line", "overlap"):
-            middle.annotate(
-                name.replace("_", " "), (begin / 60.0, max(weld["minutes_kw"])), fontsize=8, rotation=90, va="top"
-            )
-    middle.set(xlabel="time of the weld [min]", ylabel="power [kW]")
-    middle.legend(fontsize=8)
-    phases, width = list(data["verdict"]["phases"]), 0.2
-    for i, controller in enumerate(CONTROLLERS):
-        of = [data["verdict"]["phases"][phase].get(controller, {}).get("share_good", 0.0) for phase in phases]
-        bottom.bar(np.arange(len(phases)) + (i - 1.5) * width, 100.0 * np.array(of), width, label=controller)
-    bottom.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
-    bottom.set(ylabel="welds inside the limits [%]", ylim=(0.0, 100.0))
-    bottom.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    figure.savefig(path, dpi=110)
+    validation = data["validation"]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 11.5), layout="constrained")
+        steps, power, wrong, verdict = figure.subplots(4, 1, height_ratios=(1.3, 1.0, 0.7, 1.0))
+        _draw_steps(steps, validation["steps"])
+        weld, reduced = validation["weld"], validation["reduced"]
+        power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
+        power.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
+        end_min = weld["phases_s"]["joint_line"][1] / 60.0
+        power.annotate("paper's operating point", (end_min - 1.0, nominal().operating_power_kw), **_SMALL, va="bottom")
+        power.set(title="needed power, mean of each minute", ylabel="kW")
+        wrong.plot(reduced["minutes"], reduced["wrong_c"], color="black", linewidth=0.8)
+        wrong.set(title="reduced model less all finite elements, stir zone", xlabel="time of the weld [min]")
+        wrong.set(ylabel="°C", ylim=(-0.55, 0.55))
+        for axis in (power, wrong):
+            axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
+            for number, (begin, end) in enumerate(weld["phases_s"].values()):
+                axis.axvspan(begin / 60.0, end / 60.0, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+        _draw_shares(verdict, data["verdict"]["phases"])
+        figure.savefig(path)
+
+
+def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
+    names = [name for name in steps if name not in _LINES]
+    styles = {name: {"color": colour, "marker": "o"} for name, colour in zip(names, COLOURS, strict=False)} | _LINES
+    for name, of in steps.items():
+        axis.plot(STEP_TIMES_S, list(of["rise_c"].values()), markersize=4.0, label=name, **styles[name])
+    axis.set(xscale="log", xlabel="time after the step [s]", ylabel="°C", title="rise of the stir zone by 1 kW more")
+    axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
+    axis.set_xticks([], minor=True)
+    axis.legend(fontsize=8)
+
+
+def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
+    width = 0.2
+    for i, (controller, colour) in enumerate(zip(CONTROLLERS, colours_of(CONTROLLERS), strict=True)):
+        shares = [100.0 * of[controller]["share_good"] if controller in of else np.nan for of in phases.values()]
+        places = np.arange(len(phases)) + (i - 1.5) * width
+        axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
+        for place, share in zip(places, shares, strict=True):
+            if np.isfinite(share):
+                axis.annotate(f"{share:.0f}", (place, share), ha="center", va="bottom", **_SMALL)
+    axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
+    axis.set(ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits")
+    axis.grid(axis="x", visible=False)
+    axis.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Sequence
+from math import hypot
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fsw_analysis.phase_kpi import compute
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.definition import Campaign, Entrant, load
+from fsw_campaign.software import versions
 from fsw_control import weld
 from fsw_control.weld import TICK_S
 from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import spans
+from fsw_schema.models import InputError
 
 Row = dict[str, Any]
 #: within which a phase must stay, but for some seconds: the process window, and errors (chosen)
@@ -31,33 +35,31 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
     truth = signals.truth
     assert truth is not None
     wrong_c = truth.temperature_c - signals.reference_temperature_c
-    wrong_mm = truth.depth_mm - signals.reference_depth_mm
     low_c, high_c = WINDOW_C
-    outside = (np.abs(wrong_mm) > DEPTH_MM) | (np.abs(wrong_c) > TEMPERATURE_C)
-    outside |= (truth.temperature_c < low_c) | (truth.temperature_c > high_c)
+    outside = np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM
+    outside |= (np.abs(wrong_c) > TEMPERATURE_C) | (truth.temperature_c < low_c) | (truth.temperature_c > high_c)
     slow, fast = signals.speed_rpm < weld.SPEED_MIN_RPM + _NEAR_RPM, signals.speed_rpm > weld.SPEED_MAX_RPM - _NEAR_RPM
     pushed = (signals.force_kn < weld.FORCE_MIN_KN + _NEAR_KN) | (signals.force_kn > weld.FORCE_MAX_KN - _NEAR_KN)
-    time_s = np.arange(1, signals.n_ticks + 1) * TICK_S
-    for phase, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S):
-        inside = (time_s > begin_s - 1e-6) & (time_s < end_s - 1e-6)  # a set-point at a boundary is of the later one
-        if not inside.any():
+    parts = spans(scenario.phases, signals.n_ticks * TICK_S)
+    for (phase, begin_s, end_s), errors in zip(parts, compute(signals, "", parts), strict=False):
+        inside = (signals.time_s > begin_s + 1e-6) & (signals.time_s <= end_s + 1e-6)
+        temperature, depth = errors.in_force_temperature_c, errors.in_force_depth_mm
+        if temperature is None or depth is None:
             continue
         outside_s = float(outside[inside].sum() * TICK_S)
         yield {
             "phase": phase,
             "seconds": float(inside.sum() * TICK_S),
-            "temperature_sigma_c": float(np.sqrt(np.mean(wrong_c[inside] ** 2))),
-            "temperature_peak_c": float(np.abs(wrong_c[inside]).max()),
-            "depth_sigma_mm": float(np.sqrt(np.mean(wrong_mm[inside] ** 2))),
-            "depth_peak_mm": float(np.abs(wrong_mm[inside]).max()),
-            "iae_temperature_c_s": float(np.abs(wrong_c[inside]).sum() * TICK_S),
-            "iae_depth_mm_s": float(np.abs(wrong_mm[inside]).sum() * TICK_S),
+            "temperature_sigma_c": hypot(temperature.mean, temperature.sigma),
+            "temperature_peak_c": max(-temperature.low, temperature.high),
+            "depth_sigma_mm": hypot(depth.mean, depth.sigma),
+            "depth_peak_mm": max(-depth.low, depth.high),
             "moved_kn": float(np.abs(np.diff(signals.force_kn[inside])).sum()),
             "moved_rpm": float(np.abs(np.diff(signals.speed_rpm[inside])).sum()),
             "fastest_s": float(fast[inside].sum() * TICK_S),
             "slowest_s": float(slow[inside].sum() * TICK_S),
             "force_bound_s": float(pushed[inside].sum() * TICK_S),
-            "power_kw": float(truth.process_power_kw[inside].mean()),
+            "power_kw": errors.power_kw,
             "outside_s": outside_s,
             "good": outside_s <= AT_MOST_S,
         }
@@ -66,7 +68,7 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
 def run_weld(campaign: Campaign, index: int, entrant: Entrant) -> list[Row]:
     """The rows of a weld; one with ``stopped`` where it could not be welded to its end."""
     scenario = campaign.weld(campaign.parameters(index), entrant)
-    who = {"index": index, "controller": entrant.label}
+    who = {"index": index, "controller": entrant.label, "software": versions()}
     try:
         loop = ClosedLoop(scenario, campaign.controllers(scenario, entrant))
     except OperatingPointError as error:
@@ -93,5 +95,14 @@ def run(file: Path, welds: Sequence[int], minutes: float, controllers: Sequence[
 
 
 def read(files: Sequence[Path]) -> list[Row]:
-    """The rows of files."""
-    return [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    """The rows of files.
+
+    Raises
+    ------
+    InputError
+        If they are of several versions of the software.
+    """
+    rows = [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    if len(found := sorted({row.get("software", "unknown") for row in rows})) > 1:
+        raise InputError(f"{files[0].parent}: rows of several versions: {'; '.join(found)}; give another --out")
+    return rows

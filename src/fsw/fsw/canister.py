@@ -7,14 +7,16 @@ import time
 from collections.abc import Callable, Sequence
 from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, default_folder, new_folder
+from fsw.options import add_file, add_force, add_number, add_repeated
+from fsw.outputs import check_new, default_folder, new_folder
 from fsw.progress import ProgressBar
 from fsw_schema.files import replacing
 from fsw_schema.models import InputError
+from fsw_schema.ranges import Range
 
 if TYPE_CHECKING:
     from fsw.canister_weld import CanisterWeld
@@ -38,33 +40,18 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"
     )
-    parser.add_argument("--power", type=float, metavar="KW", help="constant power (default: the paper's, 43.6 kW)")
+    power = "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"
+    add_number(parser, "--power", "KW", Range(0.0, 200.0, "kW"), power)
     parser.add_argument("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})")
-    parser.add_argument(
-        "--canister", type=Path, metavar="FILE", help="parameters of the canister (YAML) instead of the scenario's"
-    )
-    parser.add_argument(
-        "--probe",
-        action="append",
-        default=[],
-        metavar="R,ANGLE,Z",
-        help="virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]; may be "
-        "repeated, e.g. 525,90,-50",
-    )
-    parser.add_argument(
-        "--at",
-        action="append",
-        default=[],
-        type=float,
-        metavar="S",
-        help="moment for --figure and --vtk; may be repeated (default: in the lid, on the joint line, in the overlap)",
-    )
-    parser.add_argument(
-        "--csv", type=Path, metavar="FILE", help="table over time (default out/<date>_canister/heat.csv)"
-    )
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="surface, section and curves in one figure")
-    parser.add_argument("--film", type=Path, metavar="FILE", help="film of the weld, .gif, or .mp4 where ffmpeg is")
-    parser.add_argument("--vtk", type=Path, metavar="DIR", help="temperatures of the whole geometry for ParaView")
+    add_file(parser, "--canister", "parameters of the canister (YAML) instead of the scenario's")
+    probe = "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]"
+    add_repeated(parser, "--probe", "R,ANGLE,Z", f"{probe}, e.g. 525,90,-50")
+    at = "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)"
+    add_repeated(parser, "--at", "S", at, type=float)
+    add_file(parser, "--csv", "table over time (default out/<date>_canister/heat.csv)")
+    add_file(parser, "--figure", "surface, section and curves in one figure", "FILE.png")
+    add_file(parser, "--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed")
+    add_file(parser, "--vtk", "temperatures of the whole geometry for ParaView", "DIR")
     add_force(parser)
     parser.set_defaults(run=_run)
 
@@ -95,8 +82,6 @@ def _check(arguments: argparse.Namespace) -> None:
     given = [name for name in _ONLY_WITHOUT_BAG if getattr(arguments, name) is not None]
     if arguments.bag is not None and given:
         raise CommandError(f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself")
-    if arguments.power is not None and not 0.0 <= arguments.power <= 200.0:
-        raise CommandError(f"--power {arguments.power:g}: must be 0 to 200 kW")
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
         raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.film is not None:
@@ -107,24 +92,25 @@ def _check(arguments: argparse.Namespace) -> None:
         if not can_film(arguments.film):
             raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
     check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
-    for text in arguments.probe:
-        _place(text)
+    arguments.probe = [_probe(text) for text in arguments.probe]
 
 
-def _place(text: str) -> tuple[float, float, float]:
-    """Radius [mm], angle [rad] and height [mm] of a thermocouple."""
+class _Probe(NamedTuple):
+    """A virtual thermocouple: as it was given, in words for a figure, and radius [mm], angle [rad], height [mm]."""
+
+    text: str
+    words: str
+    place: tuple[float, float, float]
+
+
+def _probe(text: str) -> _Probe:
     try:
         r, degrees, z = map(float, text.split(","))
     except ValueError:
         raise CommandError(f"--probe {text}: give radius, angle and height as R,ANGLE,Z, e.g. 525,90,-50") from None
     if not isfinite(r + degrees + z):
         raise CommandError(f"--probe {text}: not finite")
-    return r, radians(degrees), z
-
-
-def _words(text: str) -> str:
-    r, degrees, z = map(float, text.split(","))
-    return f"{r:g} mm, {degrees:g}°, {z:+g} mm"
+    return _Probe(text, f"{r:g} mm, {degrees:g}°, {z:+g} mm", (r, radians(degrees), z))
 
 
 def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
@@ -138,19 +124,16 @@ def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
     return sorted(arguments.at) or named or [share * end_s for share in _MOMENTS.values()]
 
 
-def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[str, Any], float]:
+def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[_Probe, Any], float]:
     """The heat over time, the thermocouples by name, and what a step took [us]."""
     from fsw_canister import load_or_reduce
-    from fsw_canister.elements import Elements
+    from fsw_canister.elements import elements_of
     from fsw_canister.history import heat_history
     from fsw_model import STEP_S
 
-    places = [_place(text) for text in arguments.probe]
-    elements = Elements(weld.parameters) if places else None
-    for text, (r, _, z) in zip(arguments.probe, places, strict=True):
+    for text, _, (r, _, z) in arguments.probe:
         try:
-            assert elements is not None
-            elements.at(1e-3 * r, 1e-3 * z)
+            elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
     with ProgressBar("heat conduction in the canister") as bar:
@@ -160,11 +143,11 @@ def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHi
         began = time.perf_counter()
         history = heat_history(canister, start, weld.course, STEP_S, bar)
         step_us = 1e6 * (time.perf_counter() - began) / history.time_s.size
-    columns = history.thermocouples(places).T if places else ()
+    columns = history.thermocouples([one.place for one in arguments.probe]).T
     return history, dict(zip(arguments.probe, columns, strict=True)), step_us
 
 
-def _write_table(table: Path, history: HeatHistory, probes: dict[str, Any]) -> None:
+def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -> None:
     """A row a second; of each thermocouple a column."""
     import numpy as np
 
@@ -179,7 +162,7 @@ def _write_table(table: Path, history: HeatHistory, probes: dict[str, Any]) -> N
         "tool_angle_deg": np.degrees(history.angle_rad[at]),
         "tool_axial_mm": course.axial_mm[at],
     }
-    columns |= {f"probe {text} [degC]": values[1:] for text, values in probes.items()}
+    columns |= {f"probe {one.text} [degC]": values[1:] for one, values in probes.items()}
     table.parent.mkdir(parents=True, exist_ok=True)
     write_table(columns, table)
 
@@ -188,7 +171,7 @@ def _pictures(
     arguments: argparse.Namespace,
     weld: CanisterWeld,
     history: HeatHistory,
-    probes: dict[str, Any],
+    probes: dict[_Probe, Any],
     moments_s: Sequence[float],
 ) -> list[str]:
     """Write what is wanted; what each file has, in words."""
@@ -196,7 +179,7 @@ def _pictures(
     if arguments.figure is not None or arguments.film is not None:
         from fsw_analysis.heat_figures import FILM_FPS, FILM_FRAMES, HeatPicture, draw_heat, film_heat
 
-        named = {_words(text): values for text, values in probes.items()}
+        named = {one.words: values for one, values in probes.items()}
         picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
             _in_place(arguments.figure, lambda part: draw_heat(picture, moments_s, part))

@@ -13,57 +13,37 @@ from fsw.errors import CommandError
 from fsw_analysis.phase_kpi import Span, recorded_spans
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_canister import CanisterParameters, CanisterState, ReducedCanister
-from fsw_canister.history import ToolCourse
+from fsw_canister.history import ToolCourse, heated
 from fsw_model import STEP_S, nominal
 from fsw_plant import PlantConfig
-from fsw_plant.tool_path import Motion, ToolPath, Waypoint
+from fsw_plant.tool_path import ToolPath
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_programme import MM_PER_DEG, spans
 
-#: in which heating-up before the first tick must come to an end
-_LONGEST_HEATING_S = 3600.0
 #: what is said of the angle is held until the next report, each second; a longer pause is a hold
 _REPORT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class CanisterWeld:
-    """A weld whose heat is computed.
-
-    Attributes
-    ----------
-    name : str
-    parameters : CanisterParameters
-    phases : sequence of Span
-    course : ToolCourse
-    heated : tuple of float or None
-        Power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold.
-    stir_zone_c : array or None
-        The stir zone's temperature as recorded, for comparison.
-    """
+    """A weld whose heat is computed."""
 
     name: str
     parameters: CanisterParameters
     phases: Sequence[Span]
     course: ToolCourse
+    #: power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold
     heated: tuple[float, float] | None = None
-    stir_zone_c: FloatArray | None = None
+    stir_zone_c: FloatArray | None = None  #: the stir zone's temperature as recorded, for comparison
 
     def start(self, canister: ReducedCanister) -> CanisterState:
         """The canister before the first step."""
-        height_mm, speed = float(self.course.axial_mm[0]), float(self.course.traverse_mm_per_s[0])
-        state = canister.initial(axial_mm=height_mm)
+        motion = float(self.course.traverse_mm_per_s[0]), float(self.course.axial_mm[0])
         if self.heated is None:
-            return state
+            return canister.initial(axial_mm=motion[1])
         power_kw, until_c = self.heated
-        for _ in range(round(_LONGEST_HEATING_S / STEP_S)):
-            if canister.stir_zone_temperature_c(state) >= until_c:
-                return state
-            state = canister.step(state, power_kw, speed, height_mm, STEP_S)
-        raise CommandError(
-            f"{self.name}: {power_kw:g} kW do not heat the canister to the bag's first {until_c:.0f} degC"
-        )
+        return heated(canister, power_kw, motion, STEP_S, lambda at: until_c - canister.stir_zone_temperature_c(at))
 
 
 def programmed(scenario_name: str, canister: Path | None, power_kw: float | None) -> CanisterWeld:
@@ -76,7 +56,7 @@ def programmed(scenario_name: str, canister: Path | None, power_kw: float | None
     steps = round(scenario.duration_s / STEP_S)
     kw = nominal().operating_power_kw if power_kw is None else power_kw
     phases = spans(scenario.phases) if scenario.phases else [("weld", 0.0, scenario.duration_s)]
-    speed, axial = _motion(_path(scenario.path, config), np.arange(steps, dtype=np.float64) * STEP_S)
+    speed, axial = _motion(ToolPath.of(scenario.path, config), np.arange(steps, dtype=np.float64) * STEP_S)
     return CanisterWeld(
         f"{scenario.name}, {kw:.3g} kW from cold", parameters, phases, ToolCourse(np.full(steps, kw), speed, axial)
     )
@@ -111,10 +91,6 @@ def recorded(bag: Path) -> CanisterWeld:
     )
 
 
-def _path(points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
-    return ToolPath(points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"]))
-
-
 def _motion(path: ToolPath, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Speed and height in the steps that begin at times."""
     motions = [path.motion(at_s) for at_s in time_s.tolist()]
@@ -127,7 +103,7 @@ def _motion_of(
     """Speed and height between the times; by the angle where a programme was played, for it may have been held."""
     told = np.flatnonzero(np.isfinite(signals.angle_deg))
     if not told.size:
-        return _motion(_path(scenario.path, config), time_s[:-1] - STEP_S)  # the first tick is at 0.1 s
+        return _motion(ToolPath.of(scenario.path, config), time_s[:-1] - STEP_S)  # the first tick is at 0.1 s
     angle, at_s = signals.angle_deg[told], signals.time_s[told]
     new = np.flatnonzero(np.diff(angle, prepend=angle[0] - 1.0))
     points = {}

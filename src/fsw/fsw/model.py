@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new
+from fsw.options import add_file, add_force
+from fsw.outputs import check_new
 from fsw_analysis.export import write_table
 from fsw_model import ModelParameters, ProcessModel
 from fsw_scenario import input_steps
@@ -27,9 +28,9 @@ def add_command(commands: Any) -> None:
     )
     names = ", ".join(input_steps.shipped())
     parser.add_argument("--events", required=True, metavar="FILE", help=f"YAML file, or one of {names} (the paper's)")
-    parser.add_argument("--csv", required=True, type=Path, metavar="FILE", help="table to write")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also plot it like the paper's Figs. 4 and 5")
-    parser.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    add_file(parser, "--csv", "table to write", required=True)
+    add_file(parser, "--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png")
+    add_file(parser, "--model", "model parameters (YAML) instead of the paper's")
     add_force(parser)
     parser.set_defaults(run=_run)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from math import pi
 from typing import Any
@@ -196,6 +197,12 @@ class Elements:
         radius = r if self.parameters.shape == "cylinder" else self.outer_m
         share = share.ravel() / share.sum()
         return Cloud(r, axial_m + rho * np.cos(theta), rho * np.sin(theta) / radius, share)
+
+
+@lru_cache(maxsize=1)
+def elements_of(parameters: CanisterParameters) -> Elements:
+    """The elements of a canister; the last ones are kept."""
+    return Elements(parameters)
 
 
 def _even(low: float, high: float, step: float) -> Array:

@@ -78,7 +78,7 @@ class CanisterParameters(Model):
     """Lowest position of the tool, relative to the joint line; the highest is where the shoulder meets the edge."""
     element_mm: Annotated[float, Range(0.5, 50.0, "mm")] = 7.5
     """Size of the quadratic finite elements where the tool passes; they grow away from there."""
-    tolerance_k: Annotated[float, Range(1e-5, 1.0, "K")] = 0.012
+    tolerance_k: Annotated[float, Range(1e-5, 1.0, "K")] = 0.008
     """Hankel singular value below which the reduction leaves out a direction, at 50 kW."""
     modes: Annotated[Whole, Range(8, 2000, "")] = 160
     """Fourier modes around the circumference."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.elements import Elements, one_thread
+from fsw_canister.elements import Elements, elements_of, one_thread
 from fsw_canister.parameters import CanisterParameters
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ _SLOWER = 0.1
 #: modes that decay faster than this answer at once in what their basis leaves out [1/s]
 _FAST_PER_S = 0.1
 #: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for the responses
-_POSITIONS, _EVERY = 3, 2
+_POSITIONS, _EVERY = 6, 4
 #: power of the tolerance
 _POWER_W = 50e3
 
@@ -86,7 +86,7 @@ def project(parameters: CanisterParameters, progress: Progress | None = None) ->
         If scikit-fem is not installed.
     """
     with one_thread():
-        return _project(Elements(parameters), progress)
+        return _project(elements_of(parameters), progress)
 
 
 def _project(elements: Elements, progress: Progress | None) -> Projection:

@@ -1,4 +1,4 @@
-"""The canister's heat in about a thousand decoupled complex numbers, stepped exactly.
+"""The canister's heat in some two thousand decoupled complex numbers, stepped exactly.
 
 The projected matrices of each mode (``projection.py``) are diagonalised, so that a step with power, traverse speed and
 axial position held is one multiplication per state.
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fsw_canister.cache import projection_of
 from fsw_canister.copper import Kirchhoff
-from fsw_canister.elements import Elements
+from fsw_canister.elements import elements_of
 from fsw_canister.parameters import CanisterParameters
 from fsw_canister.projection import Progress, Projection
 from fsw_schema.models import InputError
@@ -118,7 +118,6 @@ class ReducedCanister:
         self._vectors = turned(q.vectors)
         self._ones = turned(q.ones)
         self._loss = p.surface_w_per_m2_k * turned(q.surface_ones) + p.clamp_w_per_m2_k * turned(q.clamp_ones)
-        self._elements: Elements | None = None
         self._table = (float("nan"), (np.zeros(0), np.zeros(0), 0.0))
         self._turned: tuple[float, Complex] = (float("nan"), np.zeros(0, complex))
         self._response: tuple[tuple[float, float], Array, Complex] = ((-1.0, 0.0), np.zeros(0), np.zeros(0, complex))
@@ -243,11 +242,9 @@ class ReducedCanister:
             return np.zeros(r.shape)
         if not np.isfinite(angle).all():
             raise InputError("canister: the angle of a thermocouple is not finite")
-        if self._elements is None:
-            self._elements = Elements(self.parameters)
         places, place = np.unique(np.stack([r.ravel(), z.ravel()]), axis=1, return_inverse=True)
         angles, which = np.unique(angle.ravel(), return_inverse=True)
-        at = self._elements.at(1e-3 * places[0], 1e-3 * places[1])
+        at = elements_of(self.parameters).at(1e-3 * places[0], 1e-3 * places[1])
         weighted = np.where(self._mode == 0, 1.0, 2.0) * (at @ self._vectors) * state.modes
         by_mode = np.add.reduceat(weighted, self._ends[:-1], axis=1)
         phases = np.exp(1j * np.outer(self._modes, angles))

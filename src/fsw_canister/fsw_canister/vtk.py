@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_canister.elements import Elements, extra
+from fsw_canister.elements import Elements, elements_of, extra
 from fsw_canister.history import HeatHistory
 
 #: points around the circumference to the shortest wave of the model
@@ -34,7 +34,7 @@ def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> l
     """
     meshio = extra("meshio")
     canister = history.canister
-    elements = Elements(canister.parameters)
+    elements = elements_of(canister.parameters)
     angles = np.linspace(0.0, 2.0 * pi, _POINTS_PER_WAVE * canister.parameters.modes, endpoint=False)
     points, cells = _solid(elements, angles)
     r, z = 1e3 * elements.mesh.p

@@ -1,5 +1,8 @@
 """Parameters in files, properties of copper, and the cache."""
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +94,26 @@ class TestCache:
         again = load_or_reduce(TINY, tmp_path, lambda share, _text: shares.append(share))
         assert not shares
         states = [model.step(model.initial(), 5.0, 1.0, 0.0, 7.0) for model in (first, again)]
+        assert np.array_equal(states[0].modes, states[1].modes)
+
+    def test_two_processes_may_make_the_same_one(self, tmp_path: Path) -> None:
+        """One begins and ends while the other is half-way; a third finds what they left."""
+        code = (
+            "import sys; from pathlib import Path; from fsw_canister import CanisterParameters, load_or_reduce;"
+            "load_or_reduce(CanisterParameters.from_yaml(sys.argv[1]), Path(sys.argv[2]))"
+        )
+        seen: list[float] = []
+
+        def meanwhile(share: float, _text: str) -> None:
+            if not seen and share >= 0.5:
+                subprocess.run([sys.executable, "-c", code, json.dumps(TINY.model_dump()), str(tmp_path)], check=True)
+                seen.append(cache_path(TINY, tmp_path).stat().st_ino)
+
+        slow = load_or_reduce(TINY, tmp_path, meanwhile)
+        assert [path.name for path in tmp_path.iterdir()] == [cache_path(TINY).name]
+        assert [cache_path(TINY, tmp_path).stat().st_ino] != seen  # replaced as a whole
+        found = load_or_reduce(TINY, tmp_path, lambda _share, text: pytest.fail(text))
+        states = [model.step(model.initial(), 5.0, 1.0, 0.0, 7.0) for model in (slow, found)]
         assert np.array_equal(states[0].modes, states[1].modes)
 
     def test_copper_and_losses_need_no_other_one_but_the_geometry_does(self) -> None:

@@ -81,19 +81,12 @@ def _declarations(header: Path) -> str:
 
 @dataclass(frozen=True)
 class CLibrary:
-    """The C library of a package.
+    """The C library of a package."""
 
-    Attributes
-    ----------
-    package : str
-        Name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
-        ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in.
-    folder : Path
-        Where the sources and headers are, in the package's folder.
-    """
-
+    #: name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
+    #: ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in
     package: str
-    folder: Path
+    folder: Path  #: where the sources and headers are, in the package's folder
 
     @cached_property
     def ffi(self) -> Any:
@@ -161,13 +154,7 @@ class CLibrary:
         return None
 
     def ensure(self) -> Path:
-        """Return a usable library, built now if necessary.
-
-        Raises
-        ------
-        RuntimeError
-            If there is none and none can be built; the message says why.
-        """
+        """Return a usable library, built now if necessary; RuntimeError if there is none and none can be built."""
         return self.find() or self.build()
 
     def build(self, library: Path | None = None) -> Path:
@@ -218,22 +205,9 @@ class CLibrary:
 class CController:
     """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
 
-    Parameters
-    ----------
-    library : CLibrary
-    lib : Any
-        The loaded library, by default ``library.lib``.
-    refusal : str
-        Error text if the library refuses a tuning.
-    data : Any
-        Arguments of ``fsw_NAME_init``.
-
-    Attributes
-    ----------
-    state : Any
-        The controller's memory, a ``fsw_NAME *``.
-    input, output : Any
-        Arguments of :meth:`step`.
+    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a tuning, and ``data`` are
+    the arguments of ``fsw_NAME_init``. ``state`` is the memory, a ``fsw_NAME *``; ``input`` and ``output`` are the
+    arguments of :meth:`step`.
 
     Raises
     ------
@@ -254,13 +228,7 @@ class CController:
             raise ValueError(refusal)
 
     def configure(self, tuning: Any) -> None:
-        """Use another tuning; the proposals do not jump.
-
-        Raises
-        ------
-        ValueError
-            If the tuning is not usable; the controller keeps the previous one.
-        """
+        """Use another tuning, without a bump; ValueError if it is not usable: the previous one is kept."""
         if self._configure(self.state, tuning):
             raise ValueError(self._refusal)
 

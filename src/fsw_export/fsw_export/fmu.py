@@ -20,7 +20,7 @@ from fsw_schema.files import replacing
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
-#: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
+#: FMI platforms that zig cross-compiles for: its target, and the suffix of the binary
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 #: what can be exported, by name
@@ -41,7 +41,7 @@ def make(choice: Choice) -> Content:
 
 
 def check_file(out: Path, replace: bool = False) -> None:
-    """Refuse a file that :func:`write` could not write; ExportError says why."""
+    """Refuse a file that :func:`write` could not write; the ExportError says why."""
     if out.suffix != ".fmu":
         raise ExportError(f"{out}: the name must end in .fmu")
     if not out.absolute().parent.is_dir():
@@ -114,7 +114,7 @@ def _fmpy() -> Path:
 
 
 def _native() -> tuple[list[str], str, str]:
-    """Compiler for this machine, end of a binary's name, and the machine's name in an FMU."""
+    """Compiler for this machine, suffix of a binary, and the machine's name in an FMU."""
     import fmpy
 
     return [*needed_compiler(), "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform

@@ -1,8 +1,9 @@
 """Plant emulator: the weld as its controllers and operators meet it."""
 
 from fsw_plant.config import PlantConfig
-from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth, prepare
+from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth
 from fsw_plant.events import PlantEvent
+from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 
 __all__ = [

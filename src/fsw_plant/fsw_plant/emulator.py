@@ -19,23 +19,22 @@ Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from math import expm1
 from typing import Any, NamedTuple
 
-from fsw_control import SENSORS, Command, weld
+from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel
+from fsw_model import STEP_S, Equilibrium, OperatingPointError, ProcessState
 from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
-from fsw_plant.canister_process import CanisterProcess, CanisterProcessState, Progress, reduced
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
+from fsw_plant.process import process_of
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.sensors import Sensor
-from fsw_plant.tool_path import Motion, ToolPath
+from fsw_plant.sensors import Sensors
+from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 FIRST_TICK = 1
@@ -121,24 +120,17 @@ class PlantEmulator:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK
-        self._model = _process(self.config)
+        self._process = process_of(self.config)
+        self._travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
-        self._lag_ticks, self._standing = 0, False
-        self._path_of: PlantSchedule | None = None
         self._start(self._equilibrium(None, None))
 
     def _equilibrium(self, depth_mm: float | None, temperature_c: float | None) -> Equilibrium:
         depth = self.config["start.depth_mm"] if depth_mm is None else depth_mm
         temperature = self.config["start.temperature_c"] if temperature_c is None else temperature_c
-        if isinstance(self._model, CanisterProcess):
-            start = self._model.heated(depth, temperature, self.config["start.power_kw"], self._motion())
-        else:
-            start = self._model.equilibrium(depth, temperature)
-        if refusal(Command(start.force_kn, start.speed_rpm), self.config.limits) is not None:
-            raise OperatingPointError(
-                f"start: {depth:g} mm, {temperature:g} degC needs {start.force_kn:.2f} kN and "
-                f"{start.speed_rpm:.1f} rpm, beyond the drives' limits"
-            )
+        motion = self._travel.motion(self.tick)
+        start = self._process.start(depth, temperature, self.config["start.power_kw"], motion)
+        _check_within(self.config.limits, start, f"{depth:g} mm, {temperature:g} degC")
         return start
 
     def _start(self, start: Equilibrium) -> None:
@@ -154,7 +146,12 @@ class PlantEmulator:
         self.faults: dict[str, Fault] = {}
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._sensors = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
+        self._sensors = Sensors(config)
+
+    def take(self, schedule: PlantSchedule) -> None:
+        """Follow another schedule."""
+        self.schedule = schedule
+        self._travel.take(schedule.path)
 
     @property
     def time_s(self) -> float:
@@ -166,27 +163,16 @@ class PlantEmulator:
 
         Where nobody says, it goes on with the time. Events that are to come are shifted with it.
         """
-        passed = 0 if standing else age_ticks
-        self._lag_ticks, self._standing = self.tick - passed - round(time_s / STEP_S), standing
-
-    @property
-    def _programme_s(self) -> float:
-        return (self.tick - self._lag_ticks) / 10
-
-    def _motion(self) -> Motion:
-        """Motion of the tool from the present tick to the next."""
-        if self._path_of is not self.schedule:
-            speed, height = self.config["tool.traverse_mm_per_min"] / 60.0, self.config["tool.axial_mm"]
-            self._path_of, self._path = self.schedule, ToolPath(self.schedule.path, Motion(speed, height))
-        return self._path.motion(self._programme_s, self._standing)
+        self._travel.follow(self.tick, time_s, standing, age_ticks)
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
         """The samples sent at the present tick, the same at every call; ``stamp_ns`` replaces the tick's own time."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
         if self.schedule.events:
-            for event in self.schedule.due(self._programme_s):
-                self._begin(replace(event, at_s=event.at_s + self._lag_ticks / 10) if self._lag_ticks else event)
+            lag_s = self._travel.lag_s
+            for event in self.schedule.due(self._travel.programme_s(self.tick)):
+                self._begin(replace(event, at_s=event.at_s + lag_s) if lag_s else event)
         stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
         outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
         drop_nm = drop_nm_per_rpm * (self._acting.speed_rpm - weld.SPEED_RPM)
@@ -197,10 +183,7 @@ class PlantEmulator:
         )
         if self.faults:
             self.faults = {name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)}
-        depth, torque, temperature = [
-            sensor.send(value, stamp, self.faults.get(name), self.time_s)
-            for name, sensor, value in zip(SENSORS, self._sensors, shown, strict=True)
-        ]
+        depth, torque, temperature = self._sensors.send(shown, stamp, self.faults, self.time_s)
         self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
         return self._reading
 
@@ -252,32 +235,25 @@ class PlantEmulator:
         if not self.stopped:
             self._input_disturbance = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
             self._advance_process(mean_kn, mean_rpm)
-        self._lag_ticks += self._standing
+        self._travel.end_tick()
         self.tick += 1
 
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
         """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""
         disturbance = self._input_disturbance
         end = Command(self._force.position + disturbance.force_kn, self._speed.position + disturbance.speed_rpm)
-        if isinstance(self._state, CanisterProcessState):
-            self._state.motion = self._motion()
+        motion = self._travel.motion(self.tick)
         try:
-            self._model.step(self._state, mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm)
-            self._add_torque(self._disturbance("torque"))
-            self._outputs = self._model.outputs(self._state, end.force_kn, end.speed_rpm)
+            force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
+            self._process.advance(self._state, force_kn, speed_rpm, motion)
+            _add_torque(self._state, self._disturbance("torque"), self.config.model.motor_lag_s)
+            self._outputs = self._process.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
             return
         acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
         self._inertia_torque_nm = self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
         self._acting = end
-
-    def _add_torque(self, torque_nm: float) -> None:
-        """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
-        if torque_nm:
-            *others, motor_nm = self._state.x
-            reached = -expm1(-STEP_S / self.config.model.motor_lag_s)
-            self._state.x = (*others, motor_nm + reached * torque_nm)
 
     def truth(self) -> Truth:
         """The plant as it is at the present tick, in the inputs of the step that ended there."""
@@ -352,43 +328,25 @@ class PlantEmulator:
     def reconfigure(self, config: PlantConfig) -> None:
         """Change settings while running; start and seed hold from the next :meth:`reset`."""
         if config.model != self.config.model:
-            self._model = _process(config)
-            if isinstance(self._model, CanisterProcess) and isinstance(self._state, CanisterProcessState):
-                self._state.copper = self._model.refit(self._state.copper)
-            else:
-                self._state.power = self._model.with_history(self._state.power)
+            self._process = process_of(config)
+            self._process.refit(self._state)
         self.config = self.watchdog.config = config
         self.gate.configure(config.limits, config["commands.max_age_s"], config["commands.sources"])
         self._force.configure(config.limits.force_step_kn, config["actuators.lag_s"])
         self._speed.configure(config.limits.speed_step_rpm, config["actuators.lag_s"])
-        for sensor, (noise, resolution) in zip(self._sensors, _sensor_noise(config), strict=True):
-            sensor.noise, sensor.resolution = noise, resolution
+        self._sensors.configure(config)
 
 
-def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
-    """Make what takes long before a plant's first tick: nothing with the paper's process, else the reduced canister."""
-    if config.canister is not None:
-        reduced(config.canister, progress)
+def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:
+    """Refuse a start that the drives cannot give."""
+    if refusal(Command(start.force_kn, start.speed_rpm), limits) is not None:
+        raise OperatingPointError(
+            f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, beyond the drives' limits"
+        )
 
 
-def _process(config: PlantConfig) -> ProcessModel:
-    if config.canister is not None:
-        return CanisterProcess(config.model, reduced(config.canister))
-    return _process_model(config.model)
-
-
-@lru_cache(maxsize=16)
-def _process_model(parameters: ModelParameters) -> ProcessModel:
-    """The model of these parameters, for all plants: it takes a tenth of a second to make."""
-    return ProcessModel(parameters)
-
-
-def _sensor_noise(config: PlantConfig) -> tuple[tuple[float, float], ...]:
-    """Noise and resolution of each sensor, in the order of ``SENSORS``."""
-    if not config["noise"]:
-        return ((0.0, 0.0),) * len(SENSORS)
-    return (
-        (config["sensors.depth_noise_mm"], config["sensors.depth_resolution_mm"]),
-        (config["sensors.torque_noise_nm"], config["sensors.torque_resolution_nm"]),
-        (config["sensors.temperature_noise_c"], config["sensors.temperature_resolution_c"]),
-    )
+def _add_torque(state: ProcessState, torque_nm: float, motor_lag_s: float) -> None:
+    """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
+    if torque_nm:
+        *others, motor_nm = state.x
+        state.x = (*others, motor_nm + -expm1(-STEP_S / motor_lag_s) * torque_nm)

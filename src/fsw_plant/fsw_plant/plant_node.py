@@ -27,8 +27,9 @@ from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
-from fsw_plant.emulator import PlantEmulator, prepare
+from fsw_plant.emulator import PlantEmulator
 from fsw_plant.lockstep import Lockstep
+from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
@@ -277,7 +278,7 @@ class PlantNode(Node):
     def _configure(self, values: dict[str, Any]) -> None:
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
-            self._plant.schedule = PlantSchedule.from_text_or_file(self._scenario)
+            self._plant.take(PlantSchedule.from_text_or_file(self._scenario))
         self._plant.reconfigure(PlantConfig.from_values(values))
         self._writers.set_sources()
 

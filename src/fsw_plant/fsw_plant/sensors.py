@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from fsw_control import SENSORS
+from fsw_plant.config import PlantConfig
 from fsw_plant.events import Fault, Sample
 
 #: Random numbers drawn at once: numpy is too slow to be called for single ones.
@@ -37,3 +41,35 @@ class Sensor:
         last, self._last = self._last, self.read(value)
         sample = Sample(stamp_ns, self._last)
         return (sample,) if fault is None else fault.pass_on(sample, time_s, last)
+
+
+class Sensors:
+    """The sensors of a plant, in the order of ``SENSORS``."""
+
+    def __init__(self, config: PlantConfig) -> None:
+        self._all = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(_noise(config))]
+
+    def configure(self, config: PlantConfig) -> None:
+        """Change noise and resolution."""
+        for sensor, (noise, resolution) in zip(self._all, _noise(config), strict=True):
+            sensor.noise, sensor.resolution = noise, resolution
+
+    def send(
+        self, values: tuple[float, ...], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
+    ) -> list[tuple[Sample, ...]]:
+        """The samples of the values that leave the sensors at a tick."""
+        return [
+            sensor.send(value, stamp_ns, faults.get(name), time_s)
+            for name, sensor, value in zip(SENSORS, self._all, values, strict=True)
+        ]
+
+
+def _noise(config: PlantConfig) -> tuple[tuple[float, float], ...]:
+    """Noise and resolution of each sensor."""
+    if not config["noise"]:
+        return ((0.0, 0.0),) * len(SENSORS)
+    return (
+        (config["sensors.depth_noise_mm"], config["sensors.depth_resolution_mm"]),
+        (config["sensors.torque_noise_nm"], config["sensors.torque_resolution_nm"]),
+        (config["sensors.temperature_noise_c"], config["sensors.temperature_resolution_c"]),
+    )

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from fsw_model import STEP_S
+from fsw_plant.config import PlantConfig
 from fsw_plant.event_schema import TIME_S
 from fsw_schema.models import Model, problem
 from fsw_schema.ranges import Range
@@ -64,6 +65,11 @@ class ToolPath:
         # one number for each part of the path: the canister computes anew for another
         self._speeds = [(two.arc_mm - one.arc_mm) / (two.at_s - one.at_s) for one, two in pairwise(points)]
 
+    @classmethod
+    def of(cls, points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
+        """The path of these points; without any, the steady motion that a plant's settings have."""
+        return cls(points, Motion(config["tool.traverse_mm_per_min"] / 60.0, config["tool.axial_mm"]))
+
     def motion(self, time_s: float, standing: bool = False) -> Motion:
         """Motion over the tick that begins at a time; ``standing``: held there."""
         if self._steady is not None:
@@ -76,3 +82,38 @@ class ToolPath:
 
     def _height(self, time_s: float) -> float:
         return float(np.interp(time_s, self._at_s, self._axial_mm))
+
+
+class ToolTravel:
+    """Where the tool is by the time of the programme, which lags behind the plant's once the programme was held."""
+
+    def __init__(self, points: Sequence[Waypoint], config: PlantConfig) -> None:
+        self._config = config
+        self._lag_ticks, self._standing = 0, False
+        self.take(points)
+
+    def take(self, points: Sequence[Waypoint]) -> None:
+        """Follow another path."""
+        self._path = ToolPath.of(points, self._config)
+
+    def follow(self, tick: int, time_s: float, standing: bool, age_ticks: int) -> None:
+        """As :meth:`fsw_plant.PlantEmulator.follow_programme`, at a tick."""
+        passed = 0 if standing else age_ticks
+        self._lag_ticks, self._standing = tick - passed - round(time_s / STEP_S), standing
+
+    @property
+    def lag_s(self) -> float:
+        """By which the programme's time is behind the plant's."""
+        return self._lag_ticks / 10
+
+    def programme_s(self, tick: int) -> float:
+        """Time of the programme at a tick."""
+        return (tick - self._lag_ticks) / 10
+
+    def motion(self, tick: int) -> Motion:
+        """Motion of the tool from a tick to the next."""
+        return self._path.motion(self.programme_s(tick), self._standing)
+
+    def end_tick(self) -> None:
+        """Let a tick pass."""
+        self._lag_ticks += self._standing

@@ -120,7 +120,7 @@ class Block:
     def __init__(self, c_per_kj=0.1):
         self.c_per_kj, self.moved = c_per_kj, []
 
-    def initial(self, temperature_c=None):
+    def initial(self, temperature_c=None, axial_mm=0.0):
         return Heat(0.0)
 
     def step(self, state, power_kw, traverse_mm_per_s, axial_mm, dt_s=0.1):
@@ -135,5 +135,5 @@ class Block:
 def block(monkeypatch):
     """A block in the place of the canister of all plants."""
     canister = Block()
-    monkeypatch.setattr("fsw_plant.emulator.reduced", lambda parameters, progress=None: canister)
+    monkeypatch.setattr("fsw_plant.process.reduced", lambda parameters, progress=None: canister)
     return canister

@@ -30,7 +30,7 @@ def advance(plant, ticks):
 @pytest.mark.parametrize(("dead_time_s", "met"), [(2.8, 28), (2.75, 27.5), (0.1, 1), (0.15, 1.5)])
 def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
     process = CanisterProcess(ModelParameters(dead_time_s=dead_time_s), block)
-    start = process.heated(2.66, 800.0, 50.0, STILL)
+    start = process.start(2.66, 800.0, 50.0, STILL)
     copper = start.state.copper
     rate = copper[-1] - copper[-2]  # of a block under constant power
     first, second = process._met(copper)
@@ -41,9 +41,9 @@ def test_the_tool_meets_the_copper_a_dead_time_late(block, dead_time_s, met):
 def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
     p = ModelParameters()
     process = CanisterProcess(p, block)
-    start = process.heated(2.66, 800.0, 50.0, STILL)
+    start = process.start(2.66, 800.0, 50.0, STILL)
     state = start.state
-    process.step(state, start.force_kn, start.speed_rpm)
+    process.advance(state, start.force_kn, start.speed_rpm, STILL)
     rate = (state.copper[-2] - state.copper[-3]) / 0.1
     # behind a steady ramp by dead time and lag
     shown = process.outputs(state, start.force_kn, start.speed_rpm)
@@ -52,9 +52,9 @@ def test_the_thermocouple_lags_by_the_tool_behind_what_it_meets(block):
     )
     tool = state.x[4]
     state.copper.extend([tool + 10.0] * len(state.copper))  # not how it comes about, but a step for the tool
-    while len(state.copper) > process.delay_steps + 1:
+    while len(state.copper) > process._delay_steps + 1:
         state.copper.popleft()
-    process.step(state, start.force_kn, start.speed_rpm)
+    process.advance(state, start.force_kn, start.speed_rpm, STILL)
     assert state.x[4] - tool == pytest.approx(10.0 * (1.0 - exp(-0.1 / p.tool_lag_s)), rel=1e-9)
 
 
@@ -76,7 +76,7 @@ def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_th
 
 
 def test_a_start_that_cannot_be_is_one_line(block):
-    with pytest.raises(OperatingPointError, match=r"1 kW heat the canister to .* raise start.power_kw"):
+    with pytest.raises(OperatingPointError, match=r"start at 800 degC: 1 kW leave .*; raise start.power_kw"):
         plant_of(**{"start.power_kw": 1.0})
     with pytest.raises(OperatingPointError, match="beyond the drives' limits"):
         plant_of(**{"start.power_kw": 80.0})
@@ -133,7 +133,7 @@ def test_what_is_late_of_the_programme_is_taken_for_its_tick(block):
     plant = plant_of(PATH)
     advance(plant, 4)
     plant.follow_programme(0.3, standing=False, age_ticks=2)
-    assert plant._programme_s == pytest.approx(0.5)
+    assert plant._travel.programme_s(plant.tick) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

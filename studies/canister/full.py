@@ -1,10 +1,12 @@
-"""The canister's heat without reduction: all finite elements, implicit steps, also with k(T), c(T) and radiation.
+"""The canister's heat without reduction, the reference for the reduced model: all finite elements.
 
-The reference for the reduced model. Nonlinear terms are evaluated at the nodes around the circumference, by FFT.
+:class:`FullCanister` takes implicit steps, also with k(T), c(T) and radiation; nonlinear terms are evaluated at the
+nodes around the circumference, by FFT. :func:`exact_stir_zone_c` has no error of time: each mode is diagonalised.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 from typing import Any
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fsw_canister.copper import Kirchhoff
 from fsw_canister.elements import Elements, one_thread
+from fsw_canister.history import ToolCourse
 from fsw_canister.parameters import STEFAN_BOLTZMANN, ZERO_C, CanisterParameters
 
 Array = NDArray[np.float64]
@@ -66,12 +69,10 @@ class FullCanister:
         self.elements = Elements(p)
         e, self._modes = self.elements, np.arange(p.modes + 1)
         self._capacity = p.heat_capacity_j_per_m3_k
-        losses = p.surface_w_per_m2_k * e.surface + p.clamp_w_per_m2_k * e.clamp
-        self._losses = losses
+        self._losses = p.surface_w_per_m2_k * e.surface + p.clamp_w_per_m2_k * e.clamp
         self._factors: list[Any] = []
         for mode in self._modes:
-            matrix = p.conductivity_w_per_m_k * e.stiffness(int(mode)) + losses
-            implicit = (self._capacity * e.mass + _GAMMA * step_s * matrix).tocsc()
+            implicit = (self._capacity * e.mass + _GAMMA * step_s * _matrix(e, int(mode))).tocsc()
             self._factors.append(splu(implicit, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}))
         self._loads: dict[float, tuple[Array, Array]] = {}
 
@@ -132,13 +133,8 @@ class FullCanister:
         return stored + _GAMMA * self.step_s * lost, stored
 
     def _at(self, axial_mm: float) -> tuple[Array, Array]:
-        """Load of 1 kW and mean at the rim, of every mode, for a position."""
         if axial_mm not in self._loads:
-            p, e, count, z = self.parameters, self.elements, self._modes.size, 1e-3 * axial_mm
-            load = (1.0 - p.shoulder_share) * e.functional(e.probe(z), count)
-            load += p.shoulder_share * e.functional(e.shoulder(z), count)
-            rim = e.functional(e.rim(z), count) * np.where(self._modes == 0, 1.0, 2.0)[:, None]
-            self._loads[axial_mm] = (load * (1e3 * (1.0 - p.tool_share) / (2.0 * pi)), rim)
+            self._loads[axial_mm] = _load_and_rim(self.elements, axial_mm)
         return self._loads[axial_mm]
 
     def stir_zone_temperature_c(self, state: FullState) -> float:
@@ -159,3 +155,67 @@ class FullCanister:
     def loss_w(self, state: FullState) -> float:
         """Heat that leaves at present to air and clamp, of linear losses."""
         return float(2.0 * pi * (self._losses @ state.theta[0].real).sum())
+
+
+def _matrix(elements: Elements, mode: int) -> Any:
+    """Conduction and losses of a mode."""
+    p = elements.parameters
+    losses = p.surface_w_per_m2_k * elements.surface + p.clamp_w_per_m2_k * elements.clamp
+    return p.conductivity_w_per_m_k * elements.stiffness(mode) + losses
+
+
+def _load_and_rim(elements: Elements, axial_mm: float) -> tuple[Array, Array]:
+    """Load of 1 kW and mean at the rim, of every mode, for a position; each (modes, size)."""
+    p, z = elements.parameters, 1e-3 * axial_mm
+    modes = p.modes + 1
+    load = (1.0 - p.shoulder_share) * elements.functional(elements.probe(z), modes)
+    load += p.shoulder_share * elements.functional(elements.shoulder(z), modes)
+    rim = elements.functional(elements.rim(z), modes)
+    rim[1:] *= 2.0
+    return load * (1e3 * (1.0 - p.tool_share) / (2.0 * pi)), rim
+
+
+def exact_stir_zone_c(
+    parameters: CanisterParameters,
+    course: ToolCourse,
+    dt_s: float,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Temperature of the stir zone at the ends of the steps, from a cold canister, with all finite elements.
+
+    The linear equations are solved exactly for inputs that are held for a step, as in the reduced model, but with all
+    eigenvectors of a mode and with the loads of each position instead of a table.
+
+    Parameters
+    ----------
+    parameters : CanisterParameters
+    course : ToolCourse
+    dt_s : float
+        A step.
+    progress : callable, optional
+        Called with the share that is done.
+    """
+    from scipy.linalg import eigh
+
+    elements, size = Elements(parameters), course.power_kw.size
+    heights_mm, height = np.unique(course.axial_mm, return_inverse=True)
+    loads, rims = map(np.array, zip(*(_load_and_rim(elements, float(z)) for z in heights_mm), strict=True))
+    speeds, speed = np.unique(course.traverse_mm_per_s / parameters.outer_radius_mm, return_inverse=True)
+    angle = np.concatenate([[0.0], np.cumsum(speeds[speed] * dt_s)])
+    mass, theta = parameters.heat_capacity_j_per_m3_k * elements.mass.toarray(), np.zeros(size)
+    for mode in range(parameters.modes + 1):
+        with one_thread():
+            decay, vectors = eigh(_matrix(elements, mode).toarray(), mass)
+        load, rim = loads[:, mode] @ vectors, rims[:, mode] @ vectors
+        kept = np.exp(-decay * dt_s)
+        rates = decay - 1j * mode * speeds[:, None]
+        still = np.abs(rates) * dt_s < 1e-9
+        arrived = np.exp(-1j * mode * speeds[:, None] * dt_s) - kept
+        response = np.where(still, dt_s, arrived / np.where(still, 1.0, rates))
+        phase, state = np.exp(1j * mode * angle), np.zeros(decay.size, complex)
+        for k in range(size):
+            state = kept * state + (course.power_kw[k] / phase[k]) * (response[speed[k]] * load[height[k]])
+            theta[k] += (phase[k + 1] * (rim[height[k]] @ state)).real
+        if progress is not None:
+            progress((mode + 1) / (parameters.modes + 1))
+    return Kirchhoff(parameters).temperature_c(theta)

@@ -1,0 +1,94 @@
+"""The process of a plant, by its settings: the paper's, or one with heat conduction in a canister."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Protocol
+
+from fsw_canister import CanisterParameters, ReducedCanister, load_or_reduce
+from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
+from fsw_plant.canister_process import CanisterProcess
+from fsw_plant.config import PlantConfig
+from fsw_plant.tool_path import Motion
+
+#: is told the share that is done, and of what
+Progress = Callable[[float, str], None]
+
+_reduced: dict[CanisterParameters, ReducedCanister] = {}
+
+
+class PlantProcess(Protocol):
+    """What a plant asks of its process."""
+
+    def start(self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion) -> Equilibrium:
+        """Where a weld starts; on a canister, what ``power_kw`` has heated while the tool had this motion.
+
+        Raises
+        ------
+        fsw_model.OperatingPointError
+            If there is no such start.
+        """
+
+    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
+        """Advance ``state`` in place by one step with the inputs held.
+
+        Raises
+        ------
+        fsw_model.OperatingPointError
+            If the shoulder or the tool would leave the copper, or an input is not finite.
+        """
+
+    def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
+        """Outputs in a state under given inputs."""
+
+    def refit(self, state: ProcessState) -> None:
+        """Make a state of other parameters one of these, by its history as far as the dead time reaches."""
+
+
+class PaperProcess:
+    """The paper's process (5)-(27), a :class:`PlantProcess`: it starts in an equilibrium."""
+
+    def __init__(self, parameters: ModelParameters) -> None:
+        self._model = ProcessModel(parameters)
+        self.outputs = self._model.outputs
+
+    def start(self, depth_mm: float, temperature_c: float, power_kw: float, motion: Motion) -> Equilibrium:
+        """As of :class:`PlantProcess`."""
+        return self._model.equilibrium(depth_mm, temperature_c)
+
+    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
+        """As of :class:`PlantProcess`."""
+        self._model.step(state, force_kn, speed_rpm)
+
+    def refit(self, state: ProcessState) -> None:
+        """As of :class:`PlantProcess`."""
+        state.power = self._model.with_history(state.power)
+
+
+def process_of(config: PlantConfig) -> PlantProcess:
+    """The process of a plant."""
+    if config.canister is None:
+        return _paper_process(config.model)
+    return CanisterProcess(config.model, reduced(config.canister))
+
+
+def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
+    """Make what takes long before a plant's first tick: nothing with the paper's process, else the reduced canister."""
+    if config.canister is not None:
+        reduced(config.canister, progress)
+
+
+@lru_cache(maxsize=16)
+def _paper_process(parameters: ModelParameters) -> PaperProcess:
+    """The process of these parameters, for all plants: it takes a tenth of a second to make."""
+    return PaperProcess(parameters)
+
+
+def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> ReducedCanister:
+    """The reduced canister of these parameters, the last one kept; a new geometry takes a while, which is reported."""
+    if parameters not in _reduced:
+        made = load_or_reduce(parameters, progress=progress)
+        _reduced.clear()
+        _reduced[parameters] = made
+    return _reduced[parameters]
