@@ -102,8 +102,7 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
 
 
 class _Server(uvicorn.Server):
-    """Closes connections that have sent no whole request in time, for which uvicorn waits for ever; and lets
-    something be done five times a second."""
+    """Closes connections that have sent no whole request in time, for which uvicorn waits for ever; and beats."""
 
     def __init__(self, config: uvicorn.Config, gate: Gate, beat: Callable[[], object]) -> None:
         super().__init__(config)
@@ -112,7 +111,7 @@ class _Server(uvicorn.Server):
     async def on_tick(self, counter: int) -> bool:
         """Called ten times a second by uvicorn."""
         self._gate.sweep(time.monotonic())
-        if counter % 2 == 0:
+        if counter % 3 == 0:
             self._beat()
         return await super().on_tick(counter)
 
@@ -120,7 +119,7 @@ class _Server(uvicorn.Server):
 def server(
     app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None, beat: Callable[[], object] = lambda: None
 ) -> uvicorn.Server:
-    """Make the server; to be run with ``serve(sockets=[listen(...)])``. ``beat`` is called five times a second."""
+    """Make the server; to be run with ``serve(sockets=[listen(...)])``. ``beat`` is called every 0.3 s."""
     config = uvicorn.Config(
         app,
         http="h11",
