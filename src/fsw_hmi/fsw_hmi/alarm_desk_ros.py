@@ -39,7 +39,7 @@ class AlarmDesk:
         """Find out which alarms are present; returns whether there is something new to show."""
         now_s, situation = time.monotonic(), self._situation()
         present = self._rules.present(situation, now_s)
-        changed = self.list.update(present, now_s, time.time())
+        changed = self.list.update(present, now_s)
         listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
         before, self._reach = self._reach, self._rules.reach(situation, listed)
         self._publish()
@@ -51,14 +51,13 @@ class AlarmDesk:
 
     def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
         """Do what a person asked for; returns whether it was done, and words."""
-        wall_s = time.time()
         if isinstance(action, Acknowledge):
-            refused, done = "", f"{self.list.acknowledge(action.ids, who, wall_s)} acknowledged"
+            refused, done = "", f"{self.list.acknowledge(action.ids, who)} acknowledged"
         elif isinstance(action, Shelve):
-            now_s, reason = time.monotonic(), action.reason
-            refused, done = self.list.shelve(action.alarm, action.minutes, who, reason, now_s, wall_s), "shelved"
+            now_s = time.monotonic()
+            refused, done = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s), "shelved"
         else:
-            refused, done = self.list.unshelve(action.alarm, who, wall_s), "back in the list"
+            refused, done = self.list.unshelve(action.alarm, who), "back in the list"
         self._publish()
         return not refused, refused or done
 

@@ -1,6 +1,6 @@
 """The list of alarms after ISA-18.2: present or gone, acknowledged or not, shelved; and which came first before a trip.
 
-Delays and shelves run on a steady clock (``now_s``); the times that people read are of the wall clock (``wall_s``).
+All times are of a steady clock (``now_s``); only for people they become those of the wall clock.
 """
 
 from __future__ import annotations
@@ -65,12 +65,11 @@ class Event:
 
 @dataclass(slots=True)
 class Entry:
-    """An alarm in the list; times named ``..._wall_s`` are of the wall clock, the others of the steady one."""
+    """An alarm in the list."""
 
     alarm: Alarm
-    raised_s: float
-    raised_wall_s: float
-    changed_wall_s: float
+    first_s: float  #: when it was raised for the first time
+    raised_s: float  #: and for the last
     number: int  #: in the order of raising
     count: int = 1
     present: bool = True
@@ -81,7 +80,6 @@ class Entry:
     shelved: str = ""  #: by whom, until when and why
     first: str = ""  #: of a trip: what came first
     led_to: str = ""  #: the trip that this one came first of
-    first_wall_s: float = 0.0  #: when it was raised for the first time; 0: as ``raised_wall_s``
 
     @property
     def state(self) -> str:
@@ -134,6 +132,7 @@ class AlarmList:
             until_s = one.shelved_until_s
             self.entries[name] = replace(
                 one,
+                first_s=one.first_s + shift_s,
                 raised_s=one.raised_s + shift_s,
                 absent_s=now_s + _RESTART_S if one.present else (one.absent_s or 0.0) + shift_s,
                 shelved_until_s=None if until_s is None else until_s + shift_s,
@@ -142,16 +141,16 @@ class AlarmList:
 
     # ---------------------------------------------------------------- what is present
 
-    def update(self, present: Mapping[str, Alarm], now_s: float, wall_s: float) -> bool:
+    def update(self, present: Mapping[str, Alarm], now_s: float) -> bool:
         """Take the alarms that are present by name; returns whether the list has changed."""
-        changed = self._unshelve_expired(now_s, wall_s)
+        changed = self._unshelve_expired(now_s)
         self._coming_s = {name: self._coming_s.get(name, now_s) for name in present}
         listed = self._without_flood(present, now_s)
         for name, alarm in sorted(listed.items(), key=lambda item: item[1].trip):  # what led to a trip before it
-            changed = self._take(name, alarm, now_s, wall_s) or changed
+            changed = self._take(name, alarm, now_s) or changed
         for name, entry in [*self.entries.items()]:
             if name not in listed and entry.present:
-                changed = self._leave(name, entry, now_s, wall_s) or changed
+                changed = self._leave(name, entry, now_s) or changed
         return changed
 
     def _without_flood(self, present: Mapping[str, Alarm], now_s: float) -> dict[str, Alarm]:
@@ -181,24 +180,24 @@ class AlarmList:
     def _floods(self, now_s: float) -> bool:
         return len(self._low_s) == _FLOOD and now_s - self._low_s[0] <= _FLOOD_S
 
-    def _take(self, name: str, alarm: Alarm, now_s: float, wall_s: float) -> bool:
+    def _take(self, name: str, alarm: Alarm, now_s: float) -> bool:
         entry = self.entries.get(name)
         if entry is None or not entry.present:
-            self._raise(name, alarm, entry, now_s, wall_s)
+            self._raise(name, alarm, entry, now_s)
             return True
         entry.absent_s = None
         if entry.alarm == alarm:
             return False
         before, entry.alarm = entry.alarm, alarm
         if RANK[alarm.priority] < RANK[before.priority]:  # it has become worse: to be seen again
-            entry.acknowledged, entry.changed_wall_s = False, wall_s
+            entry.acknowledged = False
             entry.show_if_high()
             self.events.append(Event(name, "worsened", alarm, entry.count))
         if alarm.trip and not before.trip:
             self._mark_first(name, entry, now_s)
         return True
 
-    def _raise(self, name: str, alarm: Alarm, entry: Entry | None, now_s: float, wall_s: float) -> None:
+    def _raise(self, name: str, alarm: Alarm, entry: Entry | None, now_s: float) -> None:
         times = self._raised_s.pop(name, None) or deque(maxlen=_CHATTERS)
         times.append(now_s)
         self._raised_s[name] = times  # the latest last
@@ -207,24 +206,22 @@ class AlarmList:
         self._number += 1
         again = entry is not None
         if entry is None:
-            self.entries[name] = entry = Entry(alarm, now_s, wall_s, wall_s, self._number)
+            self.entries[name] = entry = Entry(alarm, now_s, now_s, self._number)
         else:
             entry.alarm, entry.present, entry.acknowledged, entry.absent_s = alarm, True, False, None
-            entry.first_wall_s = entry.first_wall_s or entry.raised_wall_s
-            entry.raised_s, entry.raised_wall_s, entry.changed_wall_s = now_s, wall_s, wall_s
-            entry.number, entry.count = self._number, entry.count + 1
+            entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
         entry.chatters = alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
         self.events.append(Event(name, "re-raised" if again else "raised", alarm, entry.count))
         if alarm.trip:
             self._mark_first(name, entry, now_s)
 
-    def _leave(self, name: str, entry: Entry, now_s: float, wall_s: float) -> bool:
+    def _leave(self, name: str, entry: Entry, now_s: float) -> bool:
         if entry.absent_s is None:
             entry.absent_s = now_s
         if now_s - entry.absent_s < (_CHATTER_S if entry.chatters else entry.alarm.off_s):
             return False
-        entry.present, entry.chatters, entry.changed_wall_s = False, False, wall_s
+        entry.present = entry.chatters = False
         self.events.append(Event(name, "cleared", entry.alarm, entry.count))
         if entry.acknowledged and entry.shelved_until_s is None:
             del self.entries[name]
@@ -250,7 +247,7 @@ class AlarmList:
 
     # ---------------------------------------------------------------- what people do
 
-    def acknowledge(self, names: Iterable[str], who: str, wall_s: float) -> int:
+    def acknowledge(self, names: Iterable[str], who: str) -> int:
         """Note that somebody has seen alarms; returns how many that were not acknowledged before."""
         count = 0
         for name in names:
@@ -258,7 +255,7 @@ class AlarmList:
             if entry is None or entry.state not in ("active", "cleared"):
                 continue
             count += 1
-            entry.acknowledged, entry.changed_wall_s, entry.first = True, wall_s, ""
+            entry.acknowledged, entry.first = True, ""
             self.events.append(Event(name, "acknowledged", entry.alarm, entry.count, who))
             for one in self.entries.values():
                 if one.led_to == name:
@@ -267,24 +264,23 @@ class AlarmList:
                 del self.entries[name]
         return count
 
-    def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float, wall_s: float) -> str:
+    def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> str:
         """Put an alarm aside for a while; returns why not, empty when it was done."""
         entry = self.entries.get(name)
         if entry is None:
             return "this alarm is no longer in the list"
         if entry.alarm.priority == "high":
             return "an alarm of high priority cannot be shelved"
-        entry.shelved_until_s, entry.changed_wall_s = now_s + 60.0 * minutes, wall_s
-        entry.shelved = f"{who}: {reason}"
+        entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
         self.events.append(Event(name, "shelved", entry.alarm, entry.count, who, f"{minutes:g} min: {reason}"))
         return ""
 
-    def unshelve(self, name: str, who: str, wall_s: float) -> str:
+    def unshelve(self, name: str, who: str) -> str:
         """Take an alarm back from the shelf; returns why not, empty when it was done."""
         entry = self.entries.get(name)
         if entry is None or entry.shelved_until_s is None:
             return "this alarm is not shelved"
-        entry.shelved_until_s, entry.shelved, entry.changed_wall_s = None, "", wall_s
+        entry.shelved_until_s, entry.shelved = None, ""
         self.events.append(Event(name, "unshelved", entry.alarm, entry.count, who))
         if entry.present:
             entry.acknowledged = False
@@ -292,14 +288,14 @@ class AlarmList:
             del self.entries[name]
         return ""
 
-    def _unshelve_expired(self, now_s: float, wall_s: float) -> bool:
+    def _unshelve_expired(self, now_s: float) -> bool:
         over = [
             name
             for name, one in self.entries.items()
             if one.shelved_until_s is not None and now_s >= one.shelved_until_s
         ]
         for name in over:
-            self.unshelve(name, "", wall_s)
+            self.unshelve(name, "")
         return bool(over)
 
     # ---------------------------------------------------------------- for the page
@@ -314,11 +310,10 @@ class AlarmList:
             {
                 "id": name,
                 **{key: getattr(one.alarm, key) for key in ("text", "consequence", "advice", "priority")},
-                **{key: getattr(one, key) for key in ("state", "present", "count", "chatters", "first", "shelved")},
+                **{key: getattr(one, key) for key in ("state", "count", "chatters", "first", "shelved")},
                 "first_out": bool(one.led_to),
-                "first_s": round(one.first_wall_s or one.raised_wall_s, 3),
-                "raised_s": round(one.raised_wall_s, 3),
-                "changed_s": round(one.changed_wall_s, 3),
+                "first_s": round(wall_s + one.first_s - now_s, 3),
+                "raised_s": round(wall_s + one.raised_s - now_s, 3),
                 "shelved_until_s": one.shelved_until_s and round(wall_s + one.shelved_until_s - now_s),
             }
             for name, one in listed

@@ -59,7 +59,7 @@ _SHOWN_PARTS, _KEPT_ACTIONS = 200, 50
 class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Serves the page in a thread of its own; everything that touches the graph happens in the executor's thread.
 
-    Orders come over by a queue and a guard condition; frames go back once per tick.
+    Orders come over by a queue and a guard condition; frames go back by calls in the server's loop.
     """
 
     def __init__(self, **arguments: Any) -> None:

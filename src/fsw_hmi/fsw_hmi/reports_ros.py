@@ -16,7 +16,7 @@ MOST_CONTROLLERS = 20
 #: before the supervisor has reported
 NO_STATE: dict[str, Any] = {
     **dict.fromkeys(_WORDS, ""),
-    **{"since_s": None, "controllers": [], "interlocks": [], "acknowledged": False},
+    **{"controllers": [], "interlocks": [], "acknowledged": False},
 }
 
 
@@ -24,7 +24,6 @@ def state(message: SupervisorState) -> dict[str, Any]:
     """The supervisor's state; of more controllers or interlocks than can be, the first."""
     return {
         **{name: readable(getattr(message, name)) for name in _WORDS},
-        "since_s": convert.stamp_ns(message.since) / NANOSECONDS,
         "controllers": [_controller(one) for one in message.controllers[:MOST_CONTROLLERS]],
         "interlocks": [readable(one) for one in message.interlocks[:MOST_CONTROLLERS]],
         "acknowledged": bool(message.acknowledged),

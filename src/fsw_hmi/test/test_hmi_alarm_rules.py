@@ -193,7 +193,7 @@ def test_takeover_does_not_change_why_the_weld_stops(rules):
 def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
     tripped = state(actual_mode="safe_stop", requested_by="interlock", interlocks=["depth_high:trip"])
-    alarms.update(rules.present(situation(state=tripped), 0.0), 0.0, 0.0)
+    alarms.update(rules.present(situation(state=tripped), 0.0), 0.0)
     assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
 
 
@@ -211,7 +211,7 @@ def test_silence_is_told_within_three_tenths_of_a_second(rules, age, name):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
     for look in range(100):  # the node looks every 0.05 s; here at the worst moment
         now_s = 0.049 + 0.05 * look
-        alarms.update(rules.present(situation(**{age: now_s}), now_s), now_s, now_s)
+        alarms.update(rules.present(situation(**{age: now_s}), now_s), now_s)
         if name in alarms.entries:
             break
     assert now_s < 0.3
@@ -219,8 +219,8 @@ def test_silence_is_told_within_three_tenths_of_a_second(rules, age, name):
 
 def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
-    alarms.update(rules.present(situation(tick_age_s=1.0), 1.0), 1.0, 1.0)
-    alarms.update(rules.present(situation(), 1.05), 1.05, 1.05)
+    alarms.update(rules.present(situation(tick_age_s=1.0), 1.0), 1.0)
+    alarms.update(rules.present(situation(), 1.05), 1.05)
     assert alarms.entries == {}
 
 

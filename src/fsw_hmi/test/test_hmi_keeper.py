@@ -15,9 +15,9 @@ ACTION = {"server_s": 1.0, "who": "anna", "action": "mode hold", "outcome": "don
 
 def kept(wall_s=1000.0):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
-    alarms.update({name: Alarm(name, "", "", "medium") for name in "abc"}, 5.0, wall_s)
-    alarms.acknowledge(["a"], "anna", wall_s)
-    alarms.shelve("b", 10.0, "anna", "known", 5.0, wall_s)
+    alarms.update({name: Alarm(name, "", "", "medium") for name in "abc"}, 5.0)
+    alarms.acknowledge(["a"], "anna")
+    alarms.shelve("b", 10.0, "anna", "known", 5.0)
     return Kept(5.0, wall_s, alarms.entries, [ACTION], "anna (3f2a)", "she has gone")
 
 
@@ -111,9 +111,9 @@ def test_restored_alarms_wait_for_the_graph_before_they_are_gone():
     assert {name: one.state for name, one in alarms.entries.items()} == {
         **{"a": "acknowledged", "b": "shelved", "c": "active"}
     }
-    alarms.update({}, 106.0, 1101.0)
-    alarms.update({"c": Alarm("c", "", "", "medium")}, 110.0, 1105.0)
+    alarms.update({}, 106.0)
+    alarms.update({"c": Alarm("c", "", "", "medium")}, 110.0)
     assert alarms.events == []
-    alarms.update({"c": Alarm("c", "", "", "medium")}, 111.0, 1106.0)
+    alarms.update({"c": Alarm("c", "", "", "medium")}, 111.0)
     assert [(one.id, one.event) for one in alarms.events] == [("a", "cleared"), ("b", "cleared")]
     assert alarms.entries["b"].shelved_until_s == 705.0

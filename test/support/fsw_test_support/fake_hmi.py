@@ -357,10 +357,10 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
 
 def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
     return {
-        **{"id": name, "text": text, "priority": priority, "state": state, "present": state != "cleared", "count": 1},
+        **{"id": name, "text": text, "priority": priority, "state": state, "count": 1},
         "consequence": "The controllers do without it for a short time only",
         "advice": "Check the sensor, then swap the controller or stop",
-        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s, "changed_s": raised_s},
+        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,
@@ -383,7 +383,6 @@ def _state() -> dict[str, Any]:
         "actual_mode": "auto",
         "reason": "nmpc is ready",
         "requested_by": "operator",
-        "since_s": time.time() - 300.0,
         "controllers": [
             {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},
