@@ -27,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
     kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
     for name in _OPTIONS:
         default = f" (default: {specs[name].default})" if specs[name].default else ""
+        default = "; several times" if name == "allow_hosts" else default
         flag = f"--{name.removesuffix('s').replace('_', '-')}"
         whole.add_argument(
             flag, dest=name, metavar="VALUE", help=specs[name].description + default, **kinds.get(name, {})
