@@ -57,9 +57,9 @@ class Page:
     def __exit__(self, *_: object) -> None:
         self._connection.__exit__(None, None, None)
 
-    def receive(self) -> Frame:
-        """The next frame."""
-        frame: Frame = json.loads(self.socket.recv(PATIENCE_S))
+    def receive(self, timeout_s: float = PATIENCE_S) -> Frame:
+        """The next frame; TimeoutError if none comes."""
+        frame: Frame = json.loads(self.socket.recv(timeout_s))
         self.frames[frame["t"]] = frame
         return frame
 
