@@ -36,6 +36,7 @@ from fsw_hmi.frames import COLUMNS
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import CHROMIUM, chromium
+from fsw_test_support.waiting import wait_for_text
 
 NODES = {
     "supervisor": "fsw_supervisor.supervisor_node",
@@ -142,9 +143,9 @@ def measure(seconds: float) -> Figures:
         keep_a_past(Path(text) / "page")
         kept = ["--ros-args", "-p", f"state_folder:={text}/page"]
         hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *kept])
-        url = launcher.wait_for_text("hmi", r"http://\S+")
-        token = launcher.wait_for_text("hmi", r"token: \S+").split()[1]
-        launcher.wait_for_text("supervisor", "taking over")
+        url = wait_for_text(launcher, "hmi", r"http://\S+")
+        token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
+        wait_for_text(launcher, "supervisor", "taking over")
         figures: Figures = {"load_before": os.getloadavg()[0]}
         for viewers in (1, VIEWERS):
             figures |= asyncio.run(watch(url, token, viewers, seconds, hmi.process.pid))

@@ -38,6 +38,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import WeldReference
 from fsw_scenario.launcher import Launcher
 from fsw_test_support import machine_server
+from fsw_test_support.waiting import wait_for_text
 
 NODES = {
     "gateway": "fsw_machine.machine_node",
@@ -95,11 +96,11 @@ def measure(cycles: int, secure: bool) -> Figures:
         options = ["--machine-file", str(file), "--report", str(report)]
         options += ["--server-key", str(folder / "server_key.pem")] if secure else []
         launcher.start("machine", machine_server.__name__, options)
-        launcher.wait_for_text("machine", "machine serves")
+        wait_for_text(launcher, "machine", "machine serves")
         for name, module in NODES.items():
             settings = {"gateway": f"machine_file:={file}", "supervisor": "controller:=nmpc"}.get(name)
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
-        launcher.wait_for_text("supervisor", r"-> auto \(nmpc\)")
+        wait_for_text(launcher, "supervisor", r"-> auto \(nmpc\)")
         before = {name: processor_s(child.process.pid) for name, child in launcher.children.items()}
         begin_s = time.monotonic()
         time.sleep((WARM_UP + cycles + AT_THE_END) * weld.TICK_S)  # the measurement itself

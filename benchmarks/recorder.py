@@ -39,6 +39,7 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld
+from fsw_test_support.waiting import wait_for_text
 
 WELD_TICKS = 27_000
 RATE_HZ = 1000
@@ -134,7 +135,7 @@ def graph_run(folder: Path, seconds: int) -> dict[str, float]:
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         recorder = launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={bag}"])
         launcher.start("talker", "recorder", ["--talk", str(count)])
-        elapsed_s = float(launcher.wait_for_text("talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
+        elapsed_s = float(wait_for_text(launcher, "talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
         with suppress(LaunchError):  # what has not come by then is lost
             launcher.wait_until(lambda: received(bag) >= count, 10.0, "the last message")
         used = Path(f"/proc/{recorder.process.pid}/stat").read_text().rsplit(")", 1)[1].split()

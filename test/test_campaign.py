@@ -10,6 +10,7 @@ from unittest.mock import Mock
 
 import pytest
 import yaml
+from distributed import Client
 from distributed.client import FutureCancelledError
 
 from fsw.main import main
@@ -21,7 +22,7 @@ from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_batch
-from fsw_test_support.waiting import wait_until
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"
@@ -142,7 +143,10 @@ def cluster(tmp_path):
     scheduler = subprocess.Popen([*module[:2], f"{module[2]}.dask_scheduler", "--port", "0", *options], **quiet)
     worker = subprocess.Popen([*module[:2], f"{module[2]}.dask_worker", "--nthreads", "1", *options], **quiet)
     wait_until(lambda: where.exists() and where.read_text(), "the scheduler's address")
-    yield yaml.safe_load(where.read_text())["address"], scheduler
+    address = yaml.safe_load(where.read_text())["address"]
+    with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=PATIENCE_S)  # the product waits for a few seconds only
+    yield address, scheduler
     for process in (worker, scheduler):
         process.terminate()
         process.wait(timeout=60)

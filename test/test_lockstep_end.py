@@ -16,7 +16,7 @@ from fsw_control.free_domain import free_domain
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import load
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
@@ -122,9 +122,9 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         launcher.start("supervisor", "fsw_supervisor.supervisor_node")
         launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
-        launcher.wait_for_text("supervisor", "role: active")
+        wait_for_text(launcher, "supervisor", "role: active")
         player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
-        launcher.wait_for_text("recorder", "subscribed to /fsw/reference")
+        wait_for_text(launcher, "recorder", "subscribed to /fsw/reference")
         player.process.wait(PATIENCE_S)
         assert "no 1 controllers listening for 3 s" in player.text()
 
@@ -133,7 +133,7 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
         launcher.start("decentral", "fsw_decentral.decentral_node")
         launcher.start("first", "fsw_scenario.scenario_node", ["quick"])
-        launcher.wait_for_text("first", "playing quick")
+        wait_for_text(launcher, "first", "playing quick")
         arguments = ["reference_tracking", "--ros-args", "-p", "silence_timeout_s:=3.0"]
         second = launcher.start("second", "fsw_scenario.scenario_node", arguments)
         second.process.wait(PATIENCE_S)

@@ -14,7 +14,7 @@ from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
 from fsw_test_support.ros_graph import Spinner
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 
 def make_patient(domain):
@@ -41,7 +41,7 @@ def graph(tmp_path_factory):
     scenario = load("quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"])
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
-        launcher.wait_for_text("supervisor", "controller decentral is ready", PATIENCE_S)
+        wait_for_text(launcher, "supervisor", "controller decentral is ready", PATIENCE_S)
         make_patient(domain)
         yield domain
         launcher.check()
@@ -147,7 +147,7 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
             ("plant", "fsw_plant.plant_node"),
         ):
             launcher.start(name, module)
-        launcher.wait_for_text("supervisor", "role: active", PATIENCE_S)
+        wait_for_text(launcher, "supervisor", "role: active", PATIENCE_S)
         end_s = time.monotonic() + PATIENCE_S
         printed = ""
         while "hold, no controller: starting: waiting for decentral: no set-point yet" not in printed:
@@ -156,7 +156,7 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
             printed = " ".join(capsys.readouterr().out.split())
         assert "set-points none yet" in printed
         assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"]) == 0
-        launcher.wait_for_text("supervisor", "start -> auto", PATIENCE_S)
+        wait_for_text(launcher, "supervisor", "start -> auto", PATIENCE_S)
         while "auto, decentral" not in printed:
             assert time.monotonic() < end_s, printed
             assert main(["status", "--timeout", "60"]) == 0

@@ -10,7 +10,8 @@ from pathlib import Path
 import fsw_decentral
 from fsw.console import print_table
 from fsw.errors import exit_code
-from fsw.outputs import add_force, check_new, write_json, write_text
+from fsw.options import add_force
+from fsw.outputs import check_new, write_json, write_text
 from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal

@@ -8,6 +8,7 @@ from playwright.sync_api import expect
 
 from fsw_hmi import npm
 from fsw_test_support.browser import CHROMIUM, chromium
+from fsw_test_support.fake_hmi import FakeHmi, sample_bag
 from fsw_test_support.uplot import uplot
 
 __all__ = ["uplot"]
@@ -65,3 +66,17 @@ def open_page(browser):
     for context in contexts:
         context.close()
     assert not errors
+
+
+@pytest.fixture
+def fake():
+    server = FakeHmi().start()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def bags():
+    server = FakeHmi("bag", bags=[sample_bag(0), sample_bag(1, shift_mm=0.02)]).start()
+    yield server
+    server.stop()

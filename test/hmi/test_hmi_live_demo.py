@@ -9,7 +9,7 @@ import pytest
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.page_client import Page
-from fsw_test_support.waiting import wait_until
+from fsw_test_support.waiting import wait_for_text, wait_until
 
 SHORT = "{name: short, duration_s: 4.0, controller: decentral, events: []}"
 LONG = "{name: long, duration_s: 600.0, controller: decentral, events: []}"
@@ -47,8 +47,8 @@ def demo(tmp_path):
             scenario.write_text(text)
             out = ["--out", str(tmp_path / "weld")]
             child = launcher.start("demo", "fsw.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out])
-            url = launcher.wait_for_text("demo", r"http://\S+")
-            return child, url, launcher.wait_for_text("demo", r"token: \S+").split()[1]
+            url = wait_for_text(launcher, "demo", r"http://\S+")
+            return child, url, wait_for_text(launcher, "demo", r"token: \S+").split()[1]
 
         yield start
 

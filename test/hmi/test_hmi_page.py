@@ -7,64 +7,9 @@ import pytest
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import shot
-from fsw_test_support.fake_hmi import TOKEN, FakeHmi, sample_alarms, sample_bag
-from fsw_test_support.page_boxes import faults, places
-from fsw_test_support.waiting import PATIENCE_S
-
-#: phone, tablet upright and across, panel computer, control room
-SIZES = [(390, 844), (768, 1024), (1024, 768), (1280, 800), (1920, 1080)]
-
-
-@pytest.fixture
-def fake():
-    server = FakeHmi().start()
-    yield server
-    server.stop()
-
-
-@pytest.fixture
-def bags():
-    server = FakeHmi("bag", bags=[sample_bag(0), sample_bag(1, shift_mm=0.02)]).start()
-    yield server
-    server.stop()
-
-
-def ready(page):
-    expect(page.locator("#verdict strong")).to_have_text("Good")
-    return page
-
-
-def until(page, condition):
-    """Wait until a script is true; Playwright's own way to wait needs eval, which the policy of the page forbids."""
-    end = time.monotonic() + PATIENCE_S
-    while not page.evaluate(condition):
-        assert time.monotonic() < end, condition
-        page.wait_for_timeout(20)
-
-
-def settled(page, measure):
-    """What is measured once nothing is found; a page that a busy machine starves is cut off now and then."""
-    end = time.monotonic() + PATIENCE_S
-    while (found := measure()) and time.monotonic() < end:
-        page.wait_for_timeout(50)
-    return found
-
-
-def press(page, name):
-    page.get_by_role("button", name=name, exact=True).click()
-
-
-def log_in(page, name="Anna", secret=TOKEN, label="Token"):
-    press(page, "Log in")
-    page.get_by_label("Name").fill(name)
-    page.get_by_label(label).fill(secret)
-    page.keyboard.press("Enter")
-
-
-def in_control(page, name="Anna"):
-    log_in(page, name)
-    press(page, "Take control")
-    expect(page.locator(".control")).to_have_text(f"{name} (you) has control.")
+from fsw_test_support.fake_hmi import TOKEN, FakeHmi, sample_alarms
+from fsw_test_support.page_boxes import faults
+from fsw_test_support.page_steps import in_control, log_in, press, ready, settled, until
 
 
 def test_live_values_and_progress_are_on_the_screen(fake, open_page):
@@ -252,83 +197,6 @@ def test_no_emulator_no_disturbances(fake, open_page):
     expect(page.get_by_role("button", name="Disturb")).to_be_hidden()
 
 
-@pytest.mark.parametrize("size", SIZES, ids="{0[0]}x{0[1]}".format)
-def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
-    fake.local_stop = True
-    fake.state["reason"] = (
-        "nmpc answered late 3 times in a row, decentral took over; nmpc is inhibited until it is chosen"
-    )
-    fake.alarms = sample_alarms(time.time())
-    page = open_page(fake.url, *size)
-    expect(page.locator(".alarm")).to_have_count(8)
-    until(page, "document.querySelectorAll('.plot canvas').length === 4")
-    is_phone = size[0] < 700
-
-    def measured():
-        return faults(page, may_scroll=is_phone)
-
-    assert settled(page, measured) == {}
-    shot(page, "{}x{}".format(*size))
-    press(page, "Log in")
-    assert settled(page, measured) == {}  # with a form over the page, too
-    page.locator("#safe-stop").click()
-    expect(page.locator("#who strong")).to_have_text("safe stop")
-    assert settled(page, measured) == {}
-    fake.stop()
-    expect(page.locator("#safe-stop")).to_be_disabled()
-    assert settled(page, measured) == {}
-
-
-VISIBLE_ALARMS = """[...document.querySelectorAll(".alarm")].filter((one) => {
-    const [box, list] = [one.getBoundingClientRect(), one.closest(".scroll").getBoundingClientRect()];
-    return box.top >= list.top - 1 && box.bottom <= list.bottom + 1;
-}).length"""
-
-
-def test_six_alarms_are_in_view_on_a_panel_computer(fake, open_page):
-    fake.alarms = sample_alarms(time.time())
-    page = open_page(fake.url, 1280, 800)
-    expect(page.locator(".alarm")).to_have_count(8)
-    assert page.evaluate(VISIBLE_ALARMS) >= 6, "as many as a person must see at once"
-    expect(page.locator(".alarm details[open]")).to_have_count(1)
-    expect(page.locator(".alarm").first).to_contain_text("→ Check the sensor")
-    page.locator("summary", has_text="decentral commands").click()
-    expect(page.locator(".alarm details[open]")).to_contain_text("decentral commands in place of nmpc")
-    gone = page.locator(".alarm.cleared .what")
-    assert gone.bounding_box()["height"] < 25  # one line
-
-
-@pytest.mark.parametrize("size", SIZES[1:], ids="{0[0]}x{0[1]}".format)
-def test_nothing_moves_when_a_state_changes(fake, open_page, size):
-    page = ready(open_page(fake.url, *size))
-    page.evaluate("document.fonts.ready")
-    before = places(page)
-
-    def moved():
-        return {name: (box, before.get(name)) for name, box in places(page).items() if box != before.get(name)}
-
-    fake.state.update(
-        reason="decentral commands because nmpc was late 3 times in a row; nmpc stays inhibited until mode auto "
-        "readmits it, which nobody has chosen yet in this weld on the canister",
-        actual_controller="decentral",
-    )
-    fake.alarms = sample_alarms(time.time())
-    fake.depth_offset_mm = 1.2
-    fake.push()
-    expect(page.locator("#value-depth_mm .flag")).to_have_text("■ beyond trip, high")
-    expect(page.locator("#who .detail")).to_contain_text("inhibited")
-    assert settled(page, moved) == {}
-    in_control(page)
-    page.locator("summary", has_text="decentral commands").click()
-    assert settled(page, moved) == {}
-    page.locator("#safe-stop").click()
-    expect(page.locator("#progress strong")).to_contain_text("Stopp")
-    assert settled(page, moved) == {}
-    fake.stop()
-    expect(page.locator("#safe-stop")).to_be_disabled()
-    assert settled(page, moved) == {}
-
-
 def test_without_control_alarms_and_commands_are_disabled_and_say_why(fake, open_page):
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url)
@@ -454,35 +322,6 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     expect(back).to_be_visible()
     back.click()
     expect(back).to_be_hidden()
-
-
-@pytest.mark.parametrize("what", ["good", "phone", "alarms", "form", "bag"])
-def test_accessible_by_axe(fake, bags, open_page, axe, what):
-    page = open_page(bags.url if what == "bag" else fake.url, *(SIZES[0] if what == "phone" else SIZES[3]))
-    if what == "bag":
-        expect(page.locator("#play")).to_be_visible()
-    else:
-        ready(page)
-    if what == "phone":
-        fake.depth_offset_mm = 0.3
-        expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ off quality, high")
-        fake.push()
-        expect(page.locator(".exceedances button")).to_be_visible()
-    if what == "alarms":
-        fake.alarms = sample_alarms(time.time())
-        fake.push()
-        expect(page.locator(".alarm")).to_have_count(8)
-    if what == "form":
-        in_control(page)
-        press(page, "Mode")
-    page.emulate_media(reduced_motion="reduce")
-    page.evaluate(axe)
-
-    def violations():
-        found = page.evaluate("axe.run()")["violations"]
-        return [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in found]
-
-    assert settled(page, violations) == []
 
 
 def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):

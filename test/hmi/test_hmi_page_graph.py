@@ -6,6 +6,7 @@ from playwright.sync_api import expect
 from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import shot
+from fsw_test_support.waiting import wait_for_text
 
 PARTS = {
     "decentral": ("fsw_decentral.decentral_node", []),
@@ -20,8 +21,8 @@ def address(tmp_path):
     """Address and token of a page at a weld that runs."""
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
-        url = launcher.wait_for_text("hmi", r"http://\S+")
-        token = launcher.wait_for_text("hmi", r"token: \S+").split()[1]
+        url = wait_for_text(launcher, "hmi", r"http://\S+")
+        token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
         for name, (module, arguments) in PARTS.items():
             launcher.start(name, module, arguments)
         yield url, token

@@ -21,6 +21,7 @@ from fsw_scenario.scenario_file import parse
 from fsw_test_support.bags import decode
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.waiting import wait_for_text
 
 DEEP = QoSProfile(depth=2000)
 TICK_NS = 100_000_000
@@ -70,8 +71,8 @@ class Weld(Spinner):
         """Start the page's server."""
         patient = ["--ros-args", "-p", "request_timeout_s:=60.0"]  # a machine may stand still for some time
         self.launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *patient, *arguments])
-        self.url = self.launcher.wait_for_text("hmi", r"http://\S+")
-        self.token = self.launcher.wait_for_text("hmi", r"token: \S+").split()[1]
+        self.url = wait_for_text(self.launcher, "hmi", r"http://\S+")
+        self.token = wait_for_text(self.launcher, "hmi", r"token: \S+").split()[1]
 
     def command(self):
         """Open a page, log in and take control."""

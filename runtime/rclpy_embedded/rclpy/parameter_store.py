@@ -187,10 +187,12 @@ class ParameterStore:
         """Check, set and announce; with the descriptors of a declaration read-only ones can be set, and stay unset."""
         for parameter in parameter_list:
             descriptor = (self._descriptors if declared is None else declared).get(parameter.name)
-            if descriptor is not None:
-                reason = self._apply_descriptor(parameter, descriptor, check_read_only=declared is None)
-                if reason:
-                    return _result(reason)
+            if descriptor is None:
+                continue
+            if declared is None and descriptor.read_only:
+                return _result(f"Trying to set a read-only parameter: {parameter.name}.")
+            if reason := _apply_descriptor(parameter, descriptor, parameter.name in self._parameters):
+                return _result(reason)
         for callback in list(self._on_set_parameters_callbacks):
             result = callback(parameter_list)
             if not result.successful:
@@ -216,21 +218,6 @@ class ParameterStore:
             callback(parameter_list)
         return _result()
 
-    def _apply_descriptor(self, parameter: Parameter, descriptor: Any, check_read_only: bool) -> str | None:
-        """Complete the descriptor with name and type; return why the parameter does not comply with it."""
-        descriptor.name = parameter.name
-        if check_read_only and descriptor.read_only:
-            return f"Trying to set a read-only parameter: {parameter.name}."
-        if descriptor.dynamic_typing:
-            descriptor.type = parameter.type_.value
-        elif parameter.type_ is Parameter.Type.NOT_SET:
-            if self.has_parameter(parameter.name):
-                return "Static parameter cannot be undeclared"
-        elif parameter.type_.value != descriptor.type:
-            expected = Parameter.Type(descriptor.type)
-            return f"{_WRONG_TYPE}, expected '{expected}' got '{parameter.type_}'"
-        return _range_error(parameter, descriptor)
-
     def describe_parameter(self, name: str) -> Any:
         """Return the descriptor of a parameter, an empty one for an undeclared one."""
         return self._descriptors[name] if self._is_declared(name) else msg.ParameterDescriptor()
@@ -246,10 +233,10 @@ class ParameterStore:
         if self._descriptors[name].read_only:
             raise exceptions.ParameterImmutableException(name)
         parameter = self.get_parameter(name)
-        reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
+        reason = _apply_descriptor(parameter, descriptor, is_declared=True)
         if reason and alternative_value is not None:
             parameter = Parameter.from_parameter_msg(msg.Parameter(name=name, value=alternative_value))
-            reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
+            reason = _apply_descriptor(parameter, descriptor, is_declared=True)
         if reason:
             raise exceptions.InvalidParameterValueException(name, parameter.value, reason)
         self._parameters[name] = parameter
@@ -327,6 +314,20 @@ def _checked_names(names: list[str]) -> list[str]:
     if not all(isinstance(name, str) for name in names):
         raise TypeError("All names must be instances of type str")
     return names
+
+
+def _apply_descriptor(parameter: Parameter, descriptor: Any, is_declared: bool) -> str | None:
+    """Complete the descriptor with name and type; return why the parameter does not comply with it."""
+    descriptor.name = parameter.name
+    if descriptor.dynamic_typing:
+        descriptor.type = parameter.type_.value
+    elif parameter.type_ is Parameter.Type.NOT_SET:
+        if is_declared:
+            return "Static parameter cannot be undeclared"
+    elif parameter.type_.value != descriptor.type:
+        expected = Parameter.Type(descriptor.type)
+        return f"{_WRONG_TYPE}, expected '{expected}' got '{parameter.type_}'"
+    return _range_error(parameter, descriptor)
 
 
 def _range_error(parameter: Parameter, descriptor: Any) -> str | None:

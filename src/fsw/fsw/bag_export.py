@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.bags import add_bag_command, print_notes, read_weld
-from fsw.outputs import add_force, check_new
+from fsw.options import add_force
+from fsw.outputs import check_new
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import export_weld
 

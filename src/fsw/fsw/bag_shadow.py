@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 from math import inf
-from pathlib import Path
 from typing import Any
 
 from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, write_json
+from fsw.options import add_file, add_force, add_number, add_repeated
+from fsw.outputs import check_new, write_json
 from fsw.simulate import assignment
 from fsw_analysis.replay import replay
 from fsw_analysis.shadow import write_shadow
+from fsw_plant.event_schema import DURATION_S
 from fsw_scenario.controllers import described_in, maker, name_of, variant_of
 
 #: what only the conversion to the units of the wire changes counts as equal
@@ -30,25 +31,15 @@ def add_command(commands: Any) -> None:
         "proposals and compare them with the commands applied in the weld.",
     )
     shadow.add_argument("--controller", metavar="NAME", required=True, help=NAME_OR_CLASS)
-    shadow.add_argument("--duration", type=float, default=0.0, metavar="S", help="only the first seconds of the weld")
-    shadow.add_argument(
-        "--set",
-        dest="parameters",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="parameter of the controller, instead of the recorded one or the default; may be repeated",
-    )
-    shadow.add_argument("--out", type=Path, help="folder for the new bag (default: <bag>_shadow_<controller>)")
-    shadow.add_argument("--json", type=Path, metavar="FILE", help="also write the differences as JSON")
+    add_number(shadow, "--duration", "S", DURATION_S, "only the first seconds of the weld", inf)
+    text = "parameter of the controller, instead of the recorded one or the default"
+    add_repeated(shadow, "--set", "NAME=VALUE", text, dest="parameters")
+    add_file(shadow, "--out", "folder for the new bag (default: <bag>_shadow_<controller>)", "DIR")
+    add_file(shadow, "--json", "also write the differences as JSON")
     add_force(shadow)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if not 0.0 <= arguments.duration < inf:
-        raise CommandError(
-            f"--duration {arguments.duration:g}: must be 0 (the whole weld) or a positive number of seconds"
-        )
     check_new([arguments.json], arguments.force)
     source, label = arguments.bag, arguments.controller
     name, make = name_of(label), maker(label)
@@ -57,7 +48,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if folder.exists():
         raise CommandError(f"{folder}: exists already; give another folder with --out")
     messages = read_messages(source)
-    result = replay(messages, name, make, described_in(label), changed, arguments.duration or inf)
+    result = replay(messages, name, make, described_in(label), changed, arguments.duration)
     print_notes(result.notes)
     unhealthy = sum(not one.healthy for one in result.proposals)
     print(f"{name} in shadow: {len(result.stamps)} ticks replayed, {unhealthy} not healthy")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from math import inf
 from typing import Any
 
 from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
+from fsw.options import add_number
 from fsw_analysis.replay import replay
 from fsw_scenario.controllers import described_in, maker, name_of
 from fsw_schema.models import InputError
+from fsw_schema.ranges import Range
 
 #: another processor changes a command by about 1e-12; an operator could notice 1e-4
 _TOLERANCE = 1e-9
@@ -38,19 +41,14 @@ def add_command(commands: Any) -> None:
         metavar="NAME",
         help=f"replay this one: {NAME_OR_CLASS}; may be repeated (default: all in the bag)",
     )
-    check.add_argument(
-        "--tolerance",
-        type=float,
-        default=_TOLERANCE,
-        metavar="X",
-        help="commands count as equal that differ by up to X (1 + recorded value), in kN or rpm; 0: bit by bit "
-        f"(default: {_TOLERANCE:g}, more than another kind of processor changes)",
+    text = (
+        "commands count as equal that differ by up to X (1 + recorded value), in kN or rpm; 0: bit by bit "
+        f"(default: {_TOLERANCE:g}, more than another kind of processor changes)"
     )
+    add_number(check, "--tolerance", "X", Range(0.0, inf, ""), text, _TOLERANCE)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if not arguments.tolerance >= 0.0:
-        raise CommandError(f"--tolerance {arguments.tolerance:g}: is not 0 or more")
     messages = read_messages(arguments.bag)
     recorded = list(messages.controllers("proposal"))
     names = [name_of(label) for label in arguments.controller or ()]

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, default_folder
+from fsw.options import add_file, add_force
+from fsw.outputs import check_new, default_folder
 from fsw.progress import ProgressBar
 
 _REPORT = "report"
@@ -28,21 +29,18 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="YAML file or name of a shipped campaign; or the word report")
     parser.add_argument("folder", metavar="DIR", nargs="?", type=Path, help="after report: folder of a campaign")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        help="folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
-        "or .md with figures beside it (default DIR/report.html)",
+    text = (
+        "folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
+        "or .md with figures beside it (default DIR/report.html)"
     )
+    add_file(parser, "--out", text, "OUT")
     parser.add_argument("--resume", action="store_true", help="run the welds that are still missing in the folder")
     parser.add_argument("--welds", type=int, metavar="N", help="welds of each controller, instead of the file's")
     parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)")
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here"
     )
-    parser.add_argument(
-        "--limits", type=Path, metavar="FILE", help="after report: limits on figures of merit (YAML) instead of its own"
-    )
+    add_file(parser, "--limits", "after report: limits on figures of merit (YAML) instead of its own")
     add_force(parser)
     parser.set_defaults(run=_run)
 

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, default_folder, new_folder
+from fsw.options import add_file, add_force, add_number, add_repeated
+from fsw.outputs import check_new, default_folder, new_folder
 from fsw.progress import ProgressBar
+from fsw_schema.files import replacing
 from fsw_schema.models import InputError
+from fsw_schema.ranges import Range
 
 if TYPE_CHECKING:
     from fsw.canister_weld import CanisterWeld
@@ -37,33 +40,18 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"
     )
-    parser.add_argument("--power", type=float, metavar="KW", help="constant power (default: the paper's, 43.6 kW)")
+    power = "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"
+    add_number(parser, "--power", "KW", Range(0.0, 200.0, "kW"), power)
     parser.add_argument("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})")
-    parser.add_argument(
-        "--canister", type=Path, metavar="FILE", help="parameters of the canister (YAML) instead of the scenario's"
-    )
-    parser.add_argument(
-        "--probe",
-        action="append",
-        default=[],
-        metavar="R,ANGLE,Z",
-        help="virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]; may be "
-        "repeated, e.g. 525,90,-50",
-    )
-    parser.add_argument(
-        "--at",
-        action="append",
-        default=[],
-        type=float,
-        metavar="S",
-        help="moment for --figure and --vtk; may be repeated (default: in the lid, on the joint line, in the overlap)",
-    )
-    parser.add_argument(
-        "--csv", type=Path, metavar="FILE", help="table over time (default out/<date>_canister/heat.csv)"
-    )
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="surface, section and curves in one figure")
-    parser.add_argument("--film", type=Path, metavar="FILE", help="film of the weld, .gif, or .mp4 where ffmpeg is")
-    parser.add_argument("--vtk", type=Path, metavar="DIR", help="temperatures of the whole geometry for ParaView")
+    add_file(parser, "--canister", "parameters of the canister (YAML) instead of the scenario's")
+    probe = "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]"
+    add_repeated(parser, "--probe", "R,ANGLE,Z", f"{probe}, e.g. 525,90,-50")
+    at = "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)"
+    add_repeated(parser, "--at", "S", at, type=float)
+    add_file(parser, "--csv", "table over time (default out/<date>_canister/heat.csv)")
+    add_file(parser, "--figure", "surface, section and curves in one figure", "FILE.png")
+    add_file(parser, "--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed")
+    add_file(parser, "--vtk", "temperatures of the whole geometry for ParaView", "DIR")
     add_force(parser)
     parser.set_defaults(run=_run)
 
@@ -94,8 +82,6 @@ def _check(arguments: argparse.Namespace) -> None:
     given = [name for name in _ONLY_WITHOUT_BAG if getattr(arguments, name) is not None]
     if arguments.bag is not None and given:
         raise CommandError(f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself")
-    if arguments.power is not None and not 0.0 <= arguments.power <= 200.0:
-        raise CommandError(f"--power {arguments.power:g}: must be 0 to 200 kW")
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
         raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.film is not None:
@@ -213,12 +199,8 @@ def _pictures(
 def _in_place(file: Path, write: Callable[[Path], None]) -> None:
     """Write a file that is there only when it is whole."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    part = file.with_name(f".{file.stem}.part{file.suffix}")
-    try:
+    with replacing(file) as part:
         write(part)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:

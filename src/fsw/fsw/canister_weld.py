@@ -27,26 +27,15 @@ _REPORT_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class CanisterWeld:
-    """A weld whose heat is computed.
-
-    Attributes
-    ----------
-    name : str
-    parameters : CanisterParameters
-    phases : sequence of Span
-    course : ToolCourse
-    heated : tuple of float or None
-        Power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold.
-    stir_zone_c : array or None
-        The stir zone's temperature as recorded, for comparison.
-    """
+    """A weld whose heat is computed."""
 
     name: str
     parameters: CanisterParameters
     phases: Sequence[Span]
     course: ToolCourse
+    #: power [kW] by which the canister is heated before the weld, and the stir zone's temperature then; None: cold
     heated: tuple[float, float] | None = None
-    stir_zone_c: FloatArray | None = None
+    stir_zone_c: FloatArray | None = None  #: the stir zone's temperature as recorded, for comparison
 
     def start(self, canister: ReducedCanister) -> CanisterState:
         """The canister before the first step."""

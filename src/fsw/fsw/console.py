@@ -15,12 +15,7 @@ _ANY_WIDTH = 10_000
 def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), words: int | None = None) -> None:
     """Print columns; plain text of any width where stdout is no terminal.
 
-    Parameters
-    ----------
-    rows : sequence of sequence of str
-    header : sequence of str, optional
-    words : int, optional
-        Number of columns of words; those after them are numbers, aligned right.
+    The first ``words`` columns are words; the numbers after them are aligned right. By default all are words.
     """
     table = Table(box=None, pad_edge=False, show_header=bool(header), padding=(0, 2, 0, 0))
     for i, title in enumerate(header or [""] * len(rows[0])):

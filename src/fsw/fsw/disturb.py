@@ -6,7 +6,8 @@ import argparse
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.operate import CLEAR, add_graph_command, add_number
+from fsw.operate import CLEAR, add_graph_command
+from fsw.options import add_number
 from fsw_control import units
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DISTURBANCE_SHAPES, DURATION_S, DisturbanceEntry
 from fsw_schema.models import validate

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fsw.console import print_table
 from fsw.errors import CommandError
+from fsw.options import add_file, add_repeated
 from fsw.progress import ProgressBar
 from fsw.simulate import assignment
 
@@ -35,8 +36,8 @@ def add_command(commands: Any) -> None:
         default="nmpc",
         help="controller to export (default nmpc)",
     )
-    _add_choice(c, "parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5")
-    c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    _add_choice(c, "parameter of the controller's node, e.g. temperature_aggressiveness=0.5")
+    add_file(c, "--out", "folder to write", "DIR", required=True)
     c.add_argument("--force", action="store_true", help="delete an existing export")
     c.set_defaults(run=_run_c)
     fmu = kinds.add_parser(
@@ -46,24 +47,19 @@ def add_command(commands: Any) -> None:
         "sources and a binary for this machine. Prints its variables.",
     )
     fmu.add_argument("unit", metavar="UNIT", help="plant, nmpc or decentral")
-    _add_choice(fmu, "parameter of the plant or of the controller's node; may be repeated, e.g. start.depth_mm=2.8")
-    fmu.add_argument("--out", type=Path, required=True, metavar="FILE.fmu", help="file to write")
+    _add_choice(fmu, "parameter of the plant or of the controller's node, e.g. start.depth_mm=2.8")
+    add_file(fmu, "--out", "file to write", "FILE.fmu", required=True)
     fmu.add_argument("--force", action="store_true", help="replace the file if it exists")
-    fmu.add_argument(
-        "--platform",
-        action="append",
-        default=[],
-        choices=["linux64", "win64"],
-        help="also a binary for this platform, by zig's compiler; may be repeated",
-    )
+    platforms = ("linux64", "win64")
+    add_repeated(fmu, "--platform", "NAME", f"also a binary for {' or '.join(platforms)}, by zig", choices=platforms)
     fmu.set_defaults(run=_run_fmu)
 
 
 def _add_choice(kind: argparse.ArgumentParser, parameter: str) -> None:
     """Add the options that say which model, tuning and parameters are exported; ``parameter`` is a help text."""
-    kind.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
-    kind.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
-    kind.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help=parameter)
+    add_file(kind, "--model", "model parameters (YAML) instead of the paper's")
+    add_file(kind, "--tuning", "tuning (YAML) instead of the default one")
+    add_repeated(kind, "--parameter", "NAME=VALUE", parameter)
 
 
 def _choice(arguments: argparse.Namespace) -> Choice:
@@ -88,7 +84,6 @@ def _run_c(arguments: argparse.Namespace) -> int:
 
 def _run_fmu(arguments: argparse.Namespace) -> int:
     from fsw_export import fmu
-    from fsw_export.fmu_description import table
 
     try:
         fmu.check_file(arguments.out, arguments.force)
@@ -96,6 +91,7 @@ def _run_fmu(arguments: argparse.Namespace) -> int:
         fmu.write(content, arguments.out, arguments.force, arguments.platform)
     except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None
-    print(table(content))
-    print(f"{arguments.out}: {len(content.variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
+    variables = content.variables
+    print_table([(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in variables])
+    print(f"{arguments.out}: {len(variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
     return 0

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, new_folder, write_text
+from fsw.options import add_file, add_force, add_number
+from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_identification.weld_data import WeldData, prepare
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
+from fsw_schema.ranges import Range
 
 if TYPE_CHECKING:
     from fsw_identification.summary import Summary
 
-#: lengths of an experiment that can be proposed
-_SHORTEST_S, _DURATION_S, _LONGEST_S = 60.0, 300.0, 1800.0
-_DRIVE_LAG = replace(specs()["actuators.lag_s"], name="--drive-lag")
+#: lengths of an experiment that can be proposed, and the default
+_EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
 
 
 def add_command(commands: Any) -> None:
@@ -36,36 +37,22 @@ def add_command(commands: Any) -> None:
         "experiment instead.",
     )
     parser.add_argument("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="model file (YAML); with --design the scenario")
-    parser.add_argument(
-        "--validate", type=Path, metavar="BAG", help="weld to validate the model, not used for the estimate"
-    )
-    parser.add_argument(
-        "--air", type=Path, metavar="BAG", help="run in air at several speeds, to identify the friction (23)"
-    )
-    parser.add_argument("--report", type=Path, metavar="DIR", help="write report.html and report.png into this folder")
-    parser.add_argument("--model", type=Path, metavar="FILE", help="model to start from (default: the paper's)")
-    parser.add_argument(
-        "--drive-lag",
-        type=float,
-        default=_DRIVE_LAG.default,
-        metavar="S",
-        help="time constant of the drives (default %(default)s s, the emulator's)",
-    )
+    add_file(parser, "--out", "model file (YAML); with --design the scenario")
+    add_file(parser, "--validate", "weld to validate the model, not used for the estimate", "BAG")
+    add_file(parser, "--air", "run in air at several speeds, to identify the friction (23)", "BAG")
+    add_file(parser, "--report", "write report.html and report.png into this folder", "DIR")
+    add_file(parser, "--model", "model to start from (default: the paper's)")
+    lag, text = specs()["actuators.lag_s"], "time constant of the drives (default %(default)s s, the emulator's)"
+    add_number(parser, "--drive-lag", "S", Range(*(lag.range or (0.0, inf)), "s"), text, lag.default)
     parser.add_argument("--design", action="store_true", help="propose an experiment and print the accuracy to expect")
-    parser.add_argument(
-        "--duration",
-        type=float,
-        metavar="S",
-        help=f"of the proposed experiment, {_SHORTEST_S:g} to {_LONGEST_S:g} s (default {_DURATION_S:g})",
-    )
+    text = f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"
+    add_number(parser, "--duration", "S", _EXPERIMENT_S, text)
     parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
     add_force(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    arguments.drive_lag = _DRIVE_LAG.check(arguments.drive_lag)
     if arguments.design:
         return _design(arguments)
     if arguments.duration is not None or arguments.open_loop:
@@ -119,8 +106,6 @@ def _design(arguments: argparse.Namespace) -> int:
     duration_s = _DURATION_S if arguments.duration is None else arguments.duration
     if arguments.bag or arguments.report or arguments.validate or arguments.air:
         raise CommandError("identify: --design takes no bags and writes no report")
-    if not _SHORTEST_S <= duration_s <= _LONGEST_S:
-        raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
     check_new([arguments.out], arguments.force)
     from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 

@@ -7,7 +7,8 @@ from math import nan
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.operate import add_graph_command, add_number
+from fsw.operate import add_graph_command
+from fsw.options import add_number
 from fsw_control import ranges, units
 from fsw_control.contract import OPERATOR_MODES
 

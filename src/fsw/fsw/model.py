@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new
+from fsw.options import add_file, add_force
+from fsw.outputs import check_new
 from fsw_analysis.export import write_table
 from fsw_model import ModelParameters, ProcessModel
 from fsw_scenario import input_steps
+from fsw_schema.files import replacing
 
 
 def add_command(commands: Any) -> None:
@@ -25,9 +28,9 @@ def add_command(commands: Any) -> None:
     )
     names = ", ".join(input_steps.shipped())
     parser.add_argument("--events", required=True, metavar="FILE", help=f"YAML file, or one of {names} (the paper's)")
-    parser.add_argument("--csv", required=True, type=Path, metavar="FILE", help="table to write")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also plot it like the paper's Figs. 4 and 5")
-    parser.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    add_file(parser, "--csv", "table to write", required=True)
+    add_file(parser, "--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png")
+    add_file(parser, "--model", "model parameters (YAML) instead of the paper's")
     add_force(parser)
     parser.set_defaults(run=_run)
 
@@ -42,19 +45,14 @@ def _run(arguments: argparse.Namespace) -> int:
     steps = input_steps.read(arguments.events)
     parameters = ModelParameters.from_file(arguments.model) if arguments.model is not None else None
     course = input_steps.simulate(steps, ProcessModel(parameters))
-    parts = [file.with_name(f".{file.name}.part") for file in files]  # in place only when all are whole
-    try:
+    with ExitStack() as all_whole:
+        parts = [all_whole.enter_context(replacing(file)) for file in files]
         write_table(course, parts[0])
         if arguments.figure is not None:
             from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
             title = f"Process in open loop: {Path(arguments.events).name}"
             draw_open_loop(course | {"process_power_kw": course["power_kw"]}, title, parts[1])
-        for part, file in zip(parts, files, strict=True):
-            part.replace(file)
-    finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
     last_s = course["time_s"][-1]
     print(f"{len(course['time_s'])} rows, 0 to {last_s:g} s, written to {', '.join(map(str, files))}")
     return 0

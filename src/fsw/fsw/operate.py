@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from fsw.options import add_number
 from fsw_schema.ranges import Range
 
 #: what ends a disturbance or a fault; ``none`` in scenarios and services
@@ -26,24 +27,6 @@ def add_timeout(parser: argparse.ArgumentParser) -> None:
     """Add the option of all commands that talk to the graph."""
     wait = "maximum time to wait for an answer, 0.1 to 600 s (default 5)"
     add_number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
-
-
-def add_number(
-    parser: argparse.ArgumentParser, flag: str, metavar: str, allowed: Range, text: str, default: float | None = None
-) -> None:
-    """Add an option that takes a number in a range; the error names the range."""
-
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number ({allowed})") from None
-        complaint = allowed.complaint(value)
-        if complaint:
-            raise argparse.ArgumentTypeError(complaint)
-        return value
-
-    parser.add_argument(flag, metavar=metavar, type=number, default=default, help=text)
 
 
 def health(controller: Any) -> str:

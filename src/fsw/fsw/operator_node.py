@@ -49,13 +49,7 @@ class Operator:
         return future.result()
 
     def call(self, service: Any, name: str, request: Any, extra_s: float = 0.0) -> Any:
-        """Call a service.
-
-        Raises
-        ------
-        CommandError
-            When no node offers it or none answers in time.
-        """
+        """Call a service; CommandError when no node offers it or none answers in time."""
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
             server = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")

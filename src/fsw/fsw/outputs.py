@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Iterable
@@ -10,11 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-
-
-def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add the option that lets a command replace files."""
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def check_new(files: Iterable[Path | None], force: bool) -> None:

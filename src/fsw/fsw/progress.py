@@ -12,14 +12,7 @@ _LINE_S = 30.0
 
 
 class ProgressBar(Progress):
-    """Shows how much of one piece of work is done; a context.
-
-    Parameters
-    ----------
-    title : str
-    pieces : int, optional
-        Number of pieces, where they are counted; otherwise the share done is shown.
-    """
+    """Shows how much of a piece of work is done, as a share or of a number of pieces; a context."""
 
     def __init__(self, title: str, pieces: int | None = None) -> None:
         console = Console(stderr=True)

@@ -12,6 +12,7 @@ import yaml
 
 from fsw.bags import print_notes
 from fsw.errors import CommandError
+from fsw.options import add_file, add_repeated
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_analysis import kpi, kpi_table, phase_kpi
@@ -46,30 +47,14 @@ def add_command(commands: Any) -> None:
         help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; your "
         "own: MODULE:CLASS or FILE.py:CLASS",
     )
-    parser.add_argument(
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="CONTROLLER.NAME=VALUE",
-        help="parameter of a controller's node; may be repeated, e.g. nmpc.tuning_file=tuning.yaml",
-    )
-    parser.add_argument(
-        "--params-file",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="parameters of controllers' nodes, in ROS's format, e.g. of fsw.py tune; may be repeated",
-    )
+    text = "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
+    add_repeated(parser, "--parameter", "CONTROLLER.NAME=VALUE", text)
+    text = "parameters of controllers' nodes, in ROS's format, e.g. from fsw.py tune"
+    add_repeated(parser, "--params-file", "FILE", text, type=Path)
     parser.add_argument("--no-noise", action="store_true", help="no sensor noise, no quantisation")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10",
-    )
-    parser.add_argument("--out", type=Path, help="folder for the results (default out/<date>_<scenario>)")
+    text = "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"
+    add_repeated(parser, "--set", "KEY=VALUE", text)
+    add_file(parser, "--out", "folder for the results (default out/<date>_<scenario>)", "DIR")
     parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")

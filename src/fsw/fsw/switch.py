@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.operate import add_graph_command, add_number
+from fsw.operate import add_graph_command
+from fsw.options import add_number
 from fsw_schema.ranges import Range
 
 

@@ -10,10 +10,11 @@ from typing import Any
 
 import yaml
 
-from fsw.errors import CommandError
+from fsw.options import add_file, add_number
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
+from fsw_schema.ranges import Range
 
 #: processes that differ from the model, as factors on its parameters
 _SWEEP: dict[str, dict[str, float]] = {
@@ -36,15 +37,10 @@ def add_command(commands: Any) -> None:
         "rule, plot their performance on processes that differ from the model, and write parameter files for the "
         "controllers' nodes.",
     )
-    parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model file, e.g. of fsw.py identify")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the files")
-    parser.add_argument(
-        "--evaluations",
-        type=int,
-        default=_EVALUATIONS,
-        metavar="N",
-        help="of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)",
-    )
+    add_file(parser, "--model", "model file, e.g. from fsw.py identify", required=True)
+    add_file(parser, "--out", "folder for the files", "DIR", required=True)
+    text = "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)"
+    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, _EVALUATIONS, int)
     parser.add_argument(
         "--no-sweep", action="store_true", help="without the figure of processes that differ from the model"
     )
@@ -52,8 +48,6 @@ def add_command(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    if not 1 <= arguments.evaluations <= 1_000_000:
-        raise CommandError(f"tune: --evaluations {arguments.evaluations}: give 1 to 1000000")
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
     from fsw_nmpc.tuning import Tuning

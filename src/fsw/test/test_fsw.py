@@ -79,13 +79,9 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["tune", "--model", "/usr/bin/env", "--out", "/nowhere/at/all"],
         ["tune", "--model", "/dev/null", "--out", "/nowhere/at/all"],
         ["identify", "--design", "--model", "/usr/bin/env"],
-        ["identify", "--design", "--drive-lag", "nan"],
-        ["identify", "--design", "--drive-lag=-1"],
         ["simulate", "quick", "--parameter", ".tuning=tight"],
         ["simulate", "quick", "--parameter", "decentral=tight"],
         ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
-        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration=-5"],
-        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration", "nan"],
         ["bag", "kpi", "/nowhere/at/all"],
         ["reference"],
         ["disturb", "depth", "step", "5"],
@@ -110,7 +106,23 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["fly"], ["reference", "--depth", "9"], ["reference", "--depth", "deep"], ["fault", "nose", "nan"]],
+    [
+        [],
+        ["fly"],
+        ["reference", "--depth", "9"],
+        ["reference", "--depth", "deep"],
+        ["fault", "nose", "nan"],
+        ["identify", "--design", "--drive-lag", "nan"],
+        ["identify", "--design", "--drive-lag=-1"],
+        ["identify", "--design", "--duration", "5"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration=-5"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration", "nan"],
+        ["bag", "verify", "/nowhere", "--tolerance=-1"],
+        ["canister", "--power", "-1"],
+        ["canister", "--power", "201"],
+        ["tune", "--model", "m.yaml", "--out", "o", "--evaluations", "0"],
+        ["tune", "--model", "m.yaml", "--out", "o", "--evaluations", "2.5"],
+    ],
 )
 def test_wrong_arguments_tell_the_usage(capsys, arguments):
     code, _, error = run(capsys, *arguments)

@@ -21,22 +21,14 @@ _LATE_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One quantity starts to change.
+    """One quantity starts to change."""
 
-    Attributes
-    ----------
-    quantity : str
-        ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or ``temperature_disturbance``.
-    begin, end : int
-        First and last tick of the change; equal for a step.
-    size : float
-        New minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign.
-    """
-
+    #: ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or ``temperature_disturbance``
     quantity: str
+    #: first and last tick of the change; equal for a step
     begin: int
     end: int
-    size: float
+    size: float  #: new minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign
 
     @property
     def is_step(self) -> bool:

@@ -114,34 +114,19 @@ _WHOLE_WELD = (
 
 
 def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
-    """Draw figures of the paper and an overview of everything.
+    """Draw figures of the paper and an overview of everything; returns the files.
 
     Parameters
     ----------
     runs : sequence of Run
-        Welds to overlay; the references of the first are drawn.
+        Welds to overlay, at least one; the references of the first are drawn.
     numbers : sequence of int
         Which of the figures 4 to 9.
     folder : Path
         Where to write ``fig<number>.png`` and ``overview.png``; must exist.
     name : str
         Of the scenario: goes into the titles and before the files' names.
-
-    Returns
-    -------
-    list of Path
-        The files.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to draw or a figure's number is unknown.
     """
-    if not runs:
-        raise ValueError("figures: no run to draw")
-    unknown = [number for number in numbers if number not in _FIGURES]
-    if unknown:
-        raise ValueError(f"figures: there is no figure {unknown[0]}; known: {', '.join(map(str, _FIGURES))}")
     prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
     pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
     pages.append((f"{prefix}overview.png", "Overview", _OVERVIEW, 2))
@@ -178,15 +163,9 @@ def _draw_page(
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
+    """Plot the process alone in open loop like the paper's Figs. 4 and 5, as a PNG file.
 
-    Parameters
-    ----------
-    columns : mapping of str to FloatArray
-        ``time_s``, and by the names of a weld's signals what the panels show, each (n,).
-    title : str
-    path : Path
-        PNG file to write.
+    ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each (n,).
     """
     with matplotlib.rc_context(STYLE):
         figure, axes = _page(title, _OPEN_LOOP, 1)

@@ -38,32 +38,16 @@ _SURFACE, _SECTION = (481, 97), (21, 121)
 
 @dataclass(frozen=True, slots=True)
 class HeatPicture:
-    """What is drawn.
-
-    Attributes
-    ----------
-    history : HeatHistory
-    phases : sequence of Span
-    title : str
-    thermocouples : mapping of str to array
-        Temperatures at the kept times, by name.
-    """
+    """What is drawn."""
 
     history: HeatHistory
     phases: Sequence[Span]
     title: str
-    thermocouples: Mapping[str, Any] = field(default_factory=dict)
+    thermocouples: Mapping[str, Any] = field(default_factory=dict)  #: temperatures at the kept times, by name
 
 
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:
-    """Draw stir zone and power over the weld, and surface and section at moments; a PNG file.
-
-    Parameters
-    ----------
-    picture : HeatPicture
-    moments_s : sequence of float
-    path : Path
-    """
+    """Draw stir zone and power over the weld, and surface and section at moments; a PNG file."""
     rows = len(moments_s)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(12.0, 3.7 + 1.75 * rows), layout="constrained")
@@ -92,15 +76,7 @@ def can_film(path: Path) -> bool:
 
 
 def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None] | None = None) -> None:
-    """Film the weld in quick motion: a GIF, or an MP4 by ffmpeg; by the name's ending.
-
-    Parameters
-    ----------
-    picture : HeatPicture
-    path : Path
-    progress : callable, optional
-        Called with the share of frames that is done.
-    """
+    """Film the weld in quick motion: a GIF, or an MP4 by ffmpeg, by the name's ending. ``progress`` gets the share."""
     history = picture.history
     times_s = np.linspace(0.0, history.kept_s[-1], FILM_FRAMES)
     writer = (PillowWriter if path.suffix.lower() == ".gif" else FFMpegWriter)(fps=FILM_FPS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -107,18 +108,20 @@ def _integral(values: FloatArray, dt: FloatArray) -> float | None:
 
 
 def _share(error: FloatArray, band: float) -> float | None:
-    known = error[np.isfinite(error)]
-    return float(np.mean(known <= band)) if known.size else None
+    return _of_known(error, lambda known: np.mean(known <= band))
 
 
 def _variation(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.sum(np.abs(np.diff(known)))) if known.size else None
+    return _of_known(values, lambda known: np.sum(np.abs(np.diff(known))))
 
 
 def _peak(error: FloatArray) -> float | None:
-    known = np.abs(error[np.isfinite(error)])
-    return float(known.max()) if known.size else None
+    return _of_known(error, lambda known: np.abs(known).max())
+
+
+def _of_known(values: FloatArray, figure: Callable[[FloatArray], Any]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(figure(known)) if known.size else None
 
 
 def _events(

@@ -40,16 +40,11 @@ _OF_A_WELD = re.compile(
 
 
 class Table:
-    """Columns of one topic's messages, in order of receipt; damaged messages are left out.
-
-    Attributes
-    ----------
-    log_ns, publish_ns, stamp_ns : IntArray
-        Times of each message [ns]; the stamp is 0 where the type has none.
-    """
+    """Columns of one topic's messages, in order of receipt; damaged messages are left out."""
 
     def __init__(self, times: Sequence[tuple[int, int, int]], columns: dict[str, Column]) -> None:
         log_ns, publish_ns, stamp_ns = zip(*times, strict=True) if times else ((), (), ())
+        #: times of each message [ns]; the stamp is 0 where the type has none
         self.log_ns, self.publish_ns = (np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns))
         self.stamp_ns: IntArray = np.array(stamp_ns, np.int64)
         self._columns = columns
@@ -72,18 +67,6 @@ class WeldMessages:
         Bag folder or file, of any storage and state. The weld may have run in a namespace.
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
-
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    namespace : str
-        In which the weld ran; empty or e.g. ``/hall/cell1``.
-    topics : dict of str to RecordedTopic
-    raw : dict of str to list of (int, int, bytes)
-        Log time, publish time and data of every message of a topic; both by name without namespace.
-    attachments : dict of str to bytes
-    problems : list of str
 
     Raises
     ------
@@ -109,8 +92,10 @@ class WeldMessages:
         if len(spaces) > 1 and "" not in spaces:
             several = ", ".join(sorted(spaces))
             raise BagError(f"{path}: holds several welds, in {several}: convert or record one of them")
+        #: in which the weld ran, e.g. ``/hall/cell1``; the names of topics are without it
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
+        #: log time, publish time and data of every message of a topic
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:

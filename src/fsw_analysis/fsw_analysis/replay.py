@@ -43,51 +43,28 @@ _PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
 
 @dataclass(frozen=True, slots=True)
 class TickDifference:
-    """One tick at which the replayed proposal is not the recorded one.
+    """One tick at which the replayed proposal is not the recorded one."""
 
-    Attributes
-    ----------
-    tick : int
-        From the first replayed tick on.
-    time_s : float
-        On the scenario's clock; in real time the first replayed tick is at 0.1 s.
-    force_kn, speed_rpm : float
-        Replayed minus recorded; NaN where one of both is not finite.
-    size : float
-        The larger difference, relative to 1 kN or 1 rpm plus the recorded value; infinite where one is not finite or
-        something else differs.
-    text : str
-        What else differs (health and its reason); empty when only the numbers do.
-    """
-
-    tick: int
-    time_s: float
+    tick: int  #: from the first replayed tick on
+    time_s: float  #: on the scenario's clock; in real time the first replayed tick is at 0.1 s
+    #: replayed minus recorded; NaN where one of both is not finite
     force_kn: float
     speed_rpm: float
+    #: the larger difference, relative to 1 kN or 1 rpm plus the recorded value; infinite where one is not finite or
+    #: something else differs
     size: float
-    text: str = ""
+    text: str = ""  #: what else differs (health and its reason); empty when only the numbers do
 
 
 @dataclass(slots=True)
 class Comparison:
-    """Replayed proposals against recorded ones or applied commands.
+    """Replayed proposals against recorded ones or applied commands."""
 
-    Attributes
-    ----------
-    title : str
-        What is compared.
-    ticks : int
-        Ticks that both have.
-    differences : list of TickDifference
-        In order of time; empty when all are equal bit by bit.
-    tolerance : float
-        Size of a difference up to which proposals count as equal.
-    """
-
-    title: str
-    ticks: int
+    title: str  #: what is compared
+    ticks: int  #: ticks that both have
+    #: in order of time; empty when all are equal bit by bit
     differences: list[TickDifference] = field(default_factory=list)
-    tolerance: float = 0.0
+    tolerance: float = 0.0  #: size of a difference up to which proposals count as equal
 
     @property
     def identical(self) -> bool:
@@ -137,41 +114,22 @@ class Comparison:
 
 @dataclass(slots=True)
 class Replay:
-    """A controller's new answers to the recorded measurements.
+    """A controller's new answers to the recorded measurements."""
 
-    Attributes
-    ----------
-    controller : str
-        Its name.
-    parameters : dict
-        With which it ran, those of its node included.
-    stamps, came : list of int
-        Stamp of each tick, and when its last sample had been received [ns].
-    is_part : bool
-        Whether only the first seconds of the weld were replayed.
-    time_s : list of float
-        Of each tick on the scenario's clock.
-    proposals : list of Proposal
-        One per tick.
-    own, applied : list of tuple or None
-        At each tick what the controller proposed when the bag was recorded, and what was applied.
-    notes : list of str
-        What may keep a replay from being exact (no parameters in the bag, parameters changed on the way, …).
-    comparable : bool
-        False when the bag begins in mid-weld, so that the controller's state then is unknown.
-    """
-
-    controller: str
-    parameters: dict[str, Any]
+    controller: str  #: its name
+    parameters: dict[str, Any]  #: with which it ran, those of its node included
+    #: stamp of each tick, and when its last sample had been received [ns]
     stamps: list[int]
     came: list[int]
-    is_part: bool
-    time_s: list[float]
-    proposals: list[Proposal]
+    is_part: bool  #: whether only the first seconds of the weld were replayed
+    time_s: list[float]  #: of each tick on the scenario's clock
+    proposals: list[Proposal]  #: one per tick
+    #: at each tick what the controller proposed when the bag was recorded, and what was applied
     own: list[Recorded | None]
     applied: list[Recorded | None]
+    #: what may keep a replay from being exact (no parameters in the bag, parameters changed on the way, …)
     notes: list[str]
-    comparable: bool
+    comparable: bool  #: false when the bag begins in mid-weld, so that the controller's state then is unknown
 
     def against_own(self, title: str, tolerance: float = 0.0) -> Comparison:
         """Compare with the controller's recorded proposals, if it took part in the weld."""

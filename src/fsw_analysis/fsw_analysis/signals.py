@@ -96,9 +96,6 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     progress : callable, optional
         Called now and then with the fraction read, 0 to 1.
 
-    Returns
-    -------
-    WeldSignals
     Raises
     ------
     BagError

@@ -110,19 +110,10 @@ class TruthSignals:
 
 @dataclass(frozen=True, slots=True, order=True)
 class WeldEvent:
-    """Something on the time line of a weld.
+    """Something on the time line of a weld."""
 
-    Attributes
-    ----------
-    time_s : float
-        On the clock of `WeldSignals.time_s`.
-    kind : str
-        ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock``, ``alarm`` or
-        ``operator``.
-    text : str
-    """
-
-    time_s: float
+    time_s: float  #: on the clock of `WeldSignals.time_s`
+    #: ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock``, ``alarm`` or ``operator``
     kind: str
     text: str
 
@@ -133,79 +124,49 @@ class WeldSignals:
 
     A tick is one stamp of the sensor topics; every array has shape (n_ticks,). Values missing at a tick are NaN
     (numbers) or empty (text). Units are the paper's: mm, degC, N m, kN, rpm, kW, s.
-
-    Attributes
-    ----------
-    path : Path
-        The bag.
-    stamp_ns : IntArray
-        Stamp of every tick [ns], strictly increasing.
-    time_s : FloatArray
-        Of every tick on the scenario's clock [s]: its first tick is at 0.1 s.
-    depth_mm, torque_nm, temperature_c : FloatArray
-        The sensors, as reported (noise, faults and all).
-    reference_depth_mm, reference_temperature_c : FloatArray
-        Set-points in force at the tick.
-    force_kn, speed_rpm : FloatArray
-        The applied command that answers the tick.
-    command_source, command_reason : TextArray
-        Who computed the applied command, and why if not nominal.
-    command_latency_s : FloatArray
-        From the tick's first recorded measurement to the recorded command, by receive time [s].
-    actual_controller, actual_mode : TextArray
-        What the supervisor had selected at the tick (held from the last message).
-    proposals, statuses : dict
-        By controller name (``nmpc``, ``decentral``, …).
-    drives : DriveSignals or None
-        Feedback of the drives; None when the bag has none.
-    truth : TruthSignals or None
-        The plant emulator's truth; None when the bag has none (a real weld).
-    attachments : dict of str to bytes
-        The bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``.
-    counts : dict of str to int
-        Messages per topic; names are those without the weld's namespace.
-    namespace : str
-        In which the weld ran; empty or e.g. ``/hall/cell1``.
-    problems : list of str
-        What was wrong with the bag and could be worked around (cut end, damaged chunk, unknown order, …).
-    phases : list of (str, float)
-        Name and begin [s], like ``time_s``, of each phase that a programme ran through.
-    events : list of WeldEvent
-        In order of time.
-    programme_depth_mm, programme_temperature_c : FloatArray
-        Set-points of the programme at the tick, not those in force while it is held or operated by hand;
-        those in force where the bag has no programme.
-    angle_deg : FloatArray
-        Where the tool was about the canister's axis, by the programme; NaN where the bag has none.
     """
 
-    path: Path
-    stamp_ns: IntArray
-    time_s: FloatArray
+    path: Path  #: the bag
+    stamp_ns: IntArray  #: stamp of every tick [ns], strictly increasing
+    time_s: FloatArray  #: of every tick on the scenario's clock [s]: its first tick is at 0.1 s
+    #: the sensors, as reported (noise, faults and all)
     depth_mm: FloatArray
     torque_nm: FloatArray
     temperature_c: FloatArray
+    #: set-points in force at the tick
     reference_depth_mm: FloatArray
     reference_temperature_c: FloatArray
+    #: the applied command that answers the tick
     force_kn: FloatArray
     speed_rpm: FloatArray
+    #: who computed the applied command, and why if not nominal
     command_source: TextArray
     command_reason: TextArray
+    #: from the tick's first recorded measurement to the recorded command, by receive time [s]
     command_latency_s: FloatArray
+    #: what the supervisor had selected at the tick (held from the last message)
     actual_controller: TextArray
     actual_mode: TextArray
+    #: by controller name (``nmpc``, ``decentral``, …)
     proposals: dict[str, ProposalSignals] = field(default_factory=dict)
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
-    drives: DriveSignals | None = None
-    truth: TruthSignals | None = None
+    drives: DriveSignals | None = None  #: feedback of the drives; None when the bag has none
+    truth: TruthSignals | None = None  #: the plant emulator's truth; None when the bag has none (a real weld)
+    #: the bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``
     attachments: dict[str, bytes] = field(default_factory=dict)
+    #: messages per topic; names are those without the weld's namespace
     counts: dict[str, int] = field(default_factory=dict)
-    namespace: str = ""
+    namespace: str = ""  #: in which the weld ran; empty or e.g. ``/hall/cell1``
+    #: what was wrong with the bag and could be worked around (cut end, damaged chunk, unknown order, …)
     problems: list[str] = field(default_factory=list)
+    #: name and begin [s], like ``time_s``, of each phase that a programme ran through
     phases: list[tuple[str, float]] = field(default_factory=list)
-    events: list[WeldEvent] = field(default_factory=list)
+    events: list[WeldEvent] = field(default_factory=list)  #: in order of time
+    #: set-points of the programme at the tick, not those in force while it is held or operated by hand; those in force
+    #: where the bag has no programme
     programme_depth_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
+    #: where the tool was about the canister's axis, by the programme; NaN where the bag has none
     angle_deg: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:

@@ -51,13 +51,6 @@ def test_a_weld_in_phases_is_one_page(weld, tmp_path):
     assert is_png(tmp_path / "weld.png")
 
 
-def test_bad_input(weld, tmp_path):
-    with pytest.raises(ValueError, match="no run"):
-        draw([], [4], tmp_path)
-    with pytest.raises(ValueError, match="no figure 3"):
-        draw([Run("one", weld)], [3], tmp_path)
-
-
 def test_open_loop(tmp_path):
     names = ("depth_mm", "motor_torque_nm", "process_power_kw", "temperature_c", "force_kn", "speed_rpm")
     draw_open_loop({"time_s": np.arange(3.0), **{name: np.arange(3.0) for name in names}}, "title", tmp_path / "a.png")

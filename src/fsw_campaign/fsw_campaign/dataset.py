@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -21,12 +20,13 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
+from fsw_schema.files import replacing
 from fsw_schema.models import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
 _WELDS = "welds"
-#: rows of a file below which it is joined with others
+#: files with fewer rows are joined
 _SMALL = 5000
 _COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command")
 #: columns that differ from run to run
@@ -67,24 +67,13 @@ class _Manifest(Model):
 class Dataset:
     """Writes the rows of one campaign into a folder; a context.
 
-    Files appear under their name when they are complete, so that the folder can be read at any time.
-
-    Parameters
-    ----------
-    folder : Path
-    campaign : Campaign
-    resume : bool
-        Whether to continue with the rows that are there already.
-
-    Attributes
-    ----------
-    done : set of (int, str)
-        Number and controller of each weld in the folder.
+    Files appear under their name only when they are complete, so that the folder can be read at any time. With
+    ``resume`` the rows that are already there are kept and the missing ones added.
 
     Raises
     ------
     CampaignError
-        If the folder cannot be used: another campaign's, in use, or without ``resume`` not empty.
+        If the folder cannot be used: it is another campaign's, in use, or without ``resume`` not empty.
     """
 
     def __init__(self, folder: Path, campaign: Campaign, resume: bool = False) -> None:
@@ -100,7 +89,7 @@ class Dataset:
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for left in (folder / _WELDS).glob(".*.tmp"):
+            for left in (folder / _WELDS).glob(".*.tmp.parquet"):
                 left.unlink()
             if not manifest.exists():
                 _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
@@ -112,7 +101,7 @@ class Dataset:
             ) from None
         except OSError as error:
             raise CampaignError(f"cannot write to folder {folder}: {error.strerror}") from None
-        self.done: set[tuple[int, str]] = set()
+        self.done: set[tuple[int, str]] = set()  #: number and controller of each weld in the folder
         if parts := _parts(folder):
             keys = _read(parts, ["index", "controller"])
             self.done = set(zip(keys["index"].to_pylist(), keys["controller"].to_pylist(), strict=True))
@@ -135,7 +124,7 @@ class Dataset:
             )
 
     def missing(self) -> list[tuple[int, list[str]]]:
-        """Welds that are to be run: number, and labels of the controllers."""
+        """Welds that are still to be run: number, and labels of the controllers."""
         labels = [one.label for one in self.campaign.entrants]
         found = ((i, [label for label in labels if (i, label) not in self.done]) for i in range(self.campaign.welds))
         return [(index, left) for index, left in found if left]
@@ -145,10 +134,9 @@ class Dataset:
         if not rows:
             return
         target = self.folder / _WELDS / f"{self._next:08d}.parquet"
-        scratch = target.with_name(f".{target.name}.tmp")
         try:
-            pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
-            os.replace(scratch, target)
+            with replacing(target) as scratch:
+                pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
         except OSError as error:
             raise CampaignError(f"cannot write {target}: {error.strerror or error}") from None
         self._next += 1
@@ -157,14 +145,13 @@ class Dataset:
     def compact(self) -> None:
         """Join small files into one: each has an overhead of some 25 kB.
 
-        The joined file takes the place of the first; should it end before the others are deleted, their rows are there
-        twice, and are read once.
+        The joined file takes the place of the first. If the process ends before the others are deleted, their rows
+        exist twice and are read once.
         """
         small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
         if len(small) > 1:
-            scratch = small[0].with_name(f".{small[0].name}.tmp")
-            pq.write_table(_read(small), scratch, compression="zstd")
-            os.replace(scratch, small[0])
+            with replacing(small[0]) as scratch:
+                pq.write_table(_read(small), scratch, compression="zstd")
             for path in small[1:]:
                 path.unlink()
 
@@ -189,7 +176,7 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     Raises
     ------
     ValueError
-        If it is not a campaign's, or without rows, or damaged.
+        If the folder is not a campaign's, has no rows yet, or is damaged.
     """
     campaign = definition.read(_read_manifest(folder).campaign, str(folder / _MANIFEST))
     parts = _parts(folder)
@@ -218,6 +205,5 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
 
 
 def _write(path: Path, text: str) -> None:
-    scratch = path.with_name(f".{path.name}.tmp")
-    scratch.write_text(text, encoding="utf-8")
-    os.replace(scratch, path)
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")

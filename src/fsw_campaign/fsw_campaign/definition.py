@@ -69,7 +69,7 @@ class Bounds(Model):
 
 
 class Limit(Bounds):
-    """A weld is inside while the signal is, but for ``at_most_s`` in total."""
+    """Bounds of a signal; a weld is inside if the signal is outside them for at most ``at_most_s`` in total."""
 
     at_most_s: Annotated[float, TIME_S] = 0.0
 
@@ -148,26 +148,14 @@ class Campaign(Model):
         return {"plant.seed": weld_seed(self.seed, index), **values(self.distributions, self.shares[index])}
 
     def weld(self, parameters: Mapping[str, Any], entrant: Entrant) -> Scenario:
-        """Scenario of a weld.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If it is not a valid one.
-        """
+        """Scenario of a weld; InputError if it is not a valid one."""
         content = copy.deepcopy(self.scenario)
         for path, value in {**parameters, "controller": entrant.name}.items():
             scenario_file.put(content, path, value, "distributions")
         return scenario_file.read(content, self.name)
 
     def controllers(self, scenario: Scenario, entrant: Entrant) -> dict[str, Controller]:
-        """Make the controllers of a weld, by name.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If one is not known or refuses its parameters.
-        """
+        """Make the controllers of a weld, by name; InputError if one is not known or refuses its parameters."""
         return make_all(scenario, entrant.controller, {entrant.name: entrant.parameters})
 
 

@@ -22,17 +22,17 @@ from fsw_campaign.welds import ERROR, Row, run_batch
 
 #: time in which a scheduler and its first worker have to answer
 PATIENCE_S = 10.0
-#: what a batch is to take, so that handing it out costs little and little is lost with a worker
+#: target duration of a batch: handing it out then costs little, and little is lost with a worker
 BATCH_S = 1.0
-#: what the scheduler is given for each batch: with more threads than BATCH_S / HANDLING_S batches take longer
+#: time allowed to the scheduler for each batch: with more than BATCH_S / HANDLING_S threads, batches are longer
 HANDLING_S = 0.01
 _LARGEST_BATCH = 1024
-#: batches under way for each thread of the workers
+#: batches in flight for each thread of the workers
 _AHEAD = 3
 #: rows are written at least this often
 _WRITE_S = 2.0
 
-#: what Dask measures of itself would cost more than handing out the welds
+#: Dask's own monitoring would cost more than handing out the welds
 _LEAN = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.interval": "2s",
@@ -52,7 +52,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     Raises
     ------
     CampaignError
-        If no scheduler, or none with a worker, answers.
+        If the scheduler does not answer or has no workers.
     """
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.startswith(("distributed", "tornado", "asyncio")):
@@ -80,31 +80,22 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise CampaignError(f"no scheduler answers at {scheduler}: {reason}") from None
         try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+            except TimeoutError:
+                raise CampaignError(
+                    f"the scheduler at {scheduler} has no workers; start some: dask worker ADDRESS"
+                ) from None
             yield client
-        except TimeoutError:
-            raise CampaignError(
-                f"the scheduler at {scheduler} has no workers; start some: dask worker ADDRESS"
-            ) from None
         finally:
             with suppress(Exception):  # the scheduler may be gone
                 client.close(timeout=2)
 
 
 def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None = None) -> int:
-    """Run the missing welds; finished ones are always written.
+    """Run the missing welds and return how many were run; finished ones are always written.
 
-    Parameters
-    ----------
-    dataset : Dataset
-    client : Client
-    progress : callable, optional
-        Called with the number of welds finished.
-
-    Returns
-    -------
-    int
-        Welds run.
+    ``progress`` is called with the number of welds finished.
 
     Raises
     ------
@@ -118,7 +109,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
     finished, written_s, threads = 0, time.monotonic(), _threads(client)
 
     def send() -> None:
-        """Have some batches more under way than there are threads."""
+        """Keep more batches in flight than there are threads."""
         while len(sent) < _AHEAD * threads and (task := next(tasks, None)):
             future = client.submit(run_batch, text, task, pure=False)
             sent[future.key] = task
@@ -128,7 +119,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         send()
         for future in under_way:
             task = sent.pop(future.key)
-            # a future that is asked may be cancelled between two questions: the scheduler is lost at any time
+            # the scheduler may be lost at any moment, and a future cancelled between two queries
             found = _failed(future.exception(), task) if future.status == "error" else future.result()
             del future
             rows += found
@@ -164,7 +155,7 @@ class _Tasks:
         self._size, self._spent_s, self._rows = 1, 0.0, 0
 
     def learn(self, rows: list[Row], threads: int) -> None:
-        """Adapt the size of the next batches to the wall time of these rows, for this number of threads."""
+        """Adapt the size of the next batches to the wall time of these rows and to the number of threads."""
         self._spent_s += sum(row.get("wall_time_s", 0.0) for row in rows)
         self._rows += len(rows)
         per_weld_s = len(self._campaign.entrants) * self._spent_s / max(self._rows, 1)
@@ -187,7 +178,11 @@ def _failed(error: BaseException, task: Task) -> list[Row]:
         raise error
     if not isinstance(error, KilledWorker):
         raise CampaignError(f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}")
-    row = {"status": ERROR, "reason": "worker ended while it ran this batch, several times", "inside": False}
+    row = {
+        "status": ERROR,
+        "reason": "the worker that ran this batch ended, several times in succession",
+        "inside": False,
+    }
     return [
         {"index": index, "controller": label, **parameters, **row, "versions": versions()}
         for index, parameters, labels in task

@@ -24,7 +24,7 @@ _RATIOS = (
     "total_variation_speed_rpm",
 )
 _COLUMNS = 3
-#: times outside are drawn up to so many times what is allowed, or up to this share of the welds
+#: times outside are drawn up to this multiple of what is allowed, or up to this share of the welds
 _WIDEST, _SHOWN_SHARE = 2.0, 0.98
 #: ratios beyond these are not drawn
 _SHOWN = (0.1, 10.0)

@@ -1,4 +1,4 @@
-"""Requirements on figures of merit that are stored already: data of a report, not of the campaign."""
+"""Requirements on stored figures of merit: part of a report, not of the campaign."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def read(file: Path | None, columns: Sequence[str]) -> list[Requirement]:
     Parameters
     ----------
     file : Path or None
-        None: the shipped ones, as far as the campaign has their columns.
+        None: the shipped ones for which the campaign has the columns.
     columns : sequence of str
-        Columns with numbers that there are.
+        Numeric columns of the campaign.
 
     Raises
     ------

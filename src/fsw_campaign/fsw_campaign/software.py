@@ -1,4 +1,4 @@
-"""What of the software decides the results of a campaign, in one line."""
+"""The software that decides the results of a campaign, in one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PACKAGES = (
     *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
     *("fsw_analysis", "fsw_scenario", "fsw_campaign", "fsw_canister"),
 )
-#: files of theirs that are for the graph alone
+#: endings of files that only the graph uses
 _GRAPH = ("_ros.py", "_node.py")
 
 

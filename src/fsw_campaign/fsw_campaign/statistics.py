@@ -50,14 +50,7 @@ def _groups(n: int) -> int:
 
 @dataclass(frozen=True)
 class Results:
-    """A campaign and its rows, each weld of each controller at most once.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    table : pyarrow.Table
-    folder : Path
-    """
+    """A campaign and its rows, each weld of each controller at most once."""
 
     campaign: Campaign
     table: pa.Table
@@ -75,7 +68,7 @@ class Results:
 
     @cached_property
     def complete(self) -> NDArray[np.int64]:
-        """Numbers of the welds that all controllers have run to their end."""
+        """Numbers of the welds that finished under all controllers."""
         index, ok = self.table["index"].to_numpy(), self.texts("status") == OK
         return np.flatnonzero(np.bincount(index[ok], minlength=1) == len(self.labels))
 
@@ -151,7 +144,7 @@ class Results:
 
     @property
     def chance(self) -> tuple[float, float]:
-        """What correlations and first-order indices of no meaning stay below, 95 times in 100."""
+        """Bounds that correlations and first-order indices exceed by chance in only 5 % of cases."""
         from scipy.stats import chi2, norm
 
         n = max(self.complete.size, 4)
@@ -161,7 +154,7 @@ class Results:
         return min(float(correlation), 1.0), min(float(index), 1.0)
 
     def worst(self) -> list[tuple[dict[str, Any], str]]:
-        """The worst welds and why: first those that did not end, then by ``MAIN`` over their controller's median."""
+        """The worst welds and why: first those that did not finish, then by ``MAIN`` over their controller's median."""
         medians = {label: [np.nanmedian(self.numbers(key, label)) for key in MAIN] for label in self.labels}
         scored = []
         for row in self.table.drop_columns(["events"]).to_pylist():

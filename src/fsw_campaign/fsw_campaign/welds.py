@@ -21,7 +21,7 @@ from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
 
 Row = dict[str, Any]
-#: what a weld can come to
+#: possible outcomes of a weld
 OK, DIVERGED, ERROR = "ok", "diverged", "error"
 
 
@@ -38,7 +38,7 @@ def _controllers(text: str, label: str, names: tuple[str, ...]) -> dict[str, Con
 
 
 def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[str]]]) -> list[Row]:
-    """Run welds one after the other.
+    """Run welds one after the other and return their rows of the dataset.
 
     Parameters
     ----------
@@ -46,15 +46,10 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
         Of the campaign, see ``Campaign.text``.
     batch : sequence of (int, mapping, sequence of str)
         Number of a weld, its parameters by path, and the labels of the controllers to run.
-
-    Returns
-    -------
-    list of dict
-        A row of the dataset for each.
     """
     campaign = _campaign(text)
     entrants = {one.label: one for one in campaign.entrants}
-    gc.disable()  # a weld makes many objects and no circles of them
+    gc.disable()  # a weld makes many objects and no reference cycles
     try:
         return [
             run_weld(campaign, index, parameters, entrants[label])

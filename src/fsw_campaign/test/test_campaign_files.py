@@ -124,7 +124,7 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
         Dataset(folder, made)
     with pytest.raises(CampaignError, match="another campaign"):
         Dataset(folder, campaign(tmp_path, seed=4), resume=True)
-    (folder / "welds" / ".00000001.parquet.tmp").write_text("cut off")
+    (folder / "welds" / ".00000001.0a1b2c3d.tmp.parquet").write_text("cut off")
     with Dataset(folder, made, resume=True) as written:
         written.write(rows[3:])
         assert not written.missing()

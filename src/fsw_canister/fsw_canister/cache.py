@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import zipfile
 from dataclasses import fields
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 
 from fsw_canister.parameters import SHAPE, CanisterParameters
 from fsw_canister.projection import Progress, Projection, project
+from fsw_schema.files import replacing, user_cache
 from fsw_schema.models import InputError
 
 
@@ -28,10 +27,9 @@ def _shape(parameters: CanisterParameters) -> str:
 
 def cache_path(parameters: CanisterParameters, folder: Path | None = None) -> Path:
     """Where the projection of a geometry is kept, by default in the user's cache."""
-    if folder is None:
-        cache = os.environ.get("XDG_CACHE_HOME", "")
-        folder = (Path(cache) if os.path.isabs(cache) else Path.home() / ".cache") / "fsw_canister"
-    return folder / f"canister-{hashlib.sha256(_shape(parameters).encode()).hexdigest()[:16]}.npz"
+    return (
+        folder or user_cache("fsw_canister")
+    ) / f"canister-{hashlib.sha256(_shape(parameters).encode()).hexdigest()[:16]}.npz"
 
 
 def projection_of(
@@ -76,11 +74,6 @@ def _read(path: Path, shape: str, refuse: bool) -> Projection | None:
 def _write(path: Path, projection: Projection, shape: str) -> None:
     """Replaced at once, so that no process ever reads half a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as scratch:
-        try:
-            arrays = {field.name: getattr(projection, field.name) for field in fields(projection)}
-            np.savez(scratch, shape=np.array(shape), **arrays)
-            scratch.flush()
-            Path(scratch.name).replace(path)
-        finally:
-            Path(scratch.name).unlink(missing_ok=True)
+    with replacing(path) as scratch:
+        arrays = {field.name: getattr(projection, field.name) for field in fields(projection)}
+        np.savez(scratch, shape=np.array(shape), **arrays)

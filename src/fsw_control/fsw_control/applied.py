@@ -42,21 +42,14 @@ class AppliedCommands:
     after the first has fallen silent.
 
     Until the first command ``initial`` is taken as applied.
-
-    Attributes
-    ----------
-    ignored : int
-        Commands rejected since start, not counting repetitions.
-    complaint : str
-        Why the last one was rejected; empty if it was accepted or repeated.
     """
 
     def __init__(self, initial: Command, period_s: float = 0.1) -> None:
         self._silence_s = SILENT_PERIODS * period_s
         self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
         self._heard_s = 0.0
-        self.ignored = 0
-        self.complaint = ""
+        self.ignored = 0  #: commands rejected since start, not counting repetitions
+        self.complaint = ""  #: why the last one was rejected; empty if it was accepted or repeated
 
     @property
     def latest(self) -> AppliedCommand:

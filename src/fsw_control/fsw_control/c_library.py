@@ -17,7 +17,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,6 +24,8 @@ from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from fsw_schema.files import replacing, user_cache
 
 # no contraction: the same results on every machine, whatever the width of its vectors
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
@@ -80,19 +81,12 @@ def _declarations(header: Path) -> str:
 
 @dataclass(frozen=True)
 class CLibrary:
-    """The C library of a package.
+    """The C library of a package."""
 
-    Attributes
-    ----------
-    package : str
-        Name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
-        ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in.
-    folder : Path
-        Where the sources and headers are, in the package's folder.
-    """
-
+    #: name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
+    #: ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in
     package: str
-    folder: Path
+    folder: Path  #: where the sources and headers are, in the package's folder
 
     @cached_property
     def ffi(self) -> Any:
@@ -135,10 +129,8 @@ class CLibrary:
 
     def cache_path(self) -> Path:
         """Where the library for these sources and this machine is kept."""
-        cache = os.environ.get("XDG_CACHE_HOME", "")
-        folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
         text = "\0".join([self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])
-        return folder / self.package / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
+        return user_cache(self.package) / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
 
     def is_usable(self, library: Path) -> bool:
         """Whether a library can be loaded and was made from these sources."""
@@ -162,13 +154,7 @@ class CLibrary:
         return None
 
     def ensure(self) -> Path:
-        """Return a usable library, built now if necessary.
-
-        Raises
-        ------
-        RuntimeError
-            If there is none and none can be built; the message says why.
-        """
+        """Return a usable library, built now if necessary; RuntimeError if there is none and none can be built."""
         return self.find() or self.build()
 
     def build(self, library: Path | None = None) -> Path:
@@ -186,25 +172,20 @@ class CLibrary:
             If there is no compiler or it fails; the message has the compiler's output.
         """
         command = needed_compiler()
+        identity = f'-D{self._macro}="{self.source_id()}"'
+        files = [str(self.folder / name) for name in self.sources]
         try:
             library = library or self.cache_path()
             library.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".tmp", delete=False) as scratch:
-                target = Path(scratch.name)
+            with replacing(library) as target:
+                arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
+                try:
+                    run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
+                except RuntimeError:
+                    run_compiler([*command, *arguments])
+                target.chmod(0o755)
         except OSError as error:
-            raise RuntimeError(f"cannot make a folder for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
-        identity = f'-D{self._macro}="{self.source_id()}"'
-        files = [str(self.folder / name) for name in self.sources]
-        arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
-        try:
-            try:
-                run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
-            except RuntimeError:
-                run_compiler([*command, *arguments])
-            target.chmod(0o755)
-            target.replace(library)
-        finally:
-            target.unlink(missing_ok=True)
+            raise RuntimeError(f"cannot write the kernel's library: {error} (set XDG_CACHE_HOME)") from None
         return library
 
     def extension(self) -> dict[str, Any]:
@@ -224,22 +205,9 @@ class CLibrary:
 class CController:
     """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
 
-    Parameters
-    ----------
-    library : CLibrary
-    lib : Any
-        The loaded library, by default ``library.lib``.
-    refusal : str
-        Error text if the library refuses a tuning.
-    data : Any
-        Arguments of ``fsw_NAME_init``.
-
-    Attributes
-    ----------
-    state : Any
-        The controller's memory, a ``fsw_NAME *``.
-    input, output : Any
-        Arguments of :meth:`step`.
+    ``lib`` is by default ``library.lib``, ``refusal`` the error text if the library refuses a tuning, and ``data`` are
+    the arguments of ``fsw_NAME_init``. ``state`` is the memory, a ``fsw_NAME *``; ``input`` and ``output`` are the
+    arguments of :meth:`step`.
 
     Raises
     ------
@@ -260,13 +228,7 @@ class CController:
             raise ValueError(refusal)
 
     def configure(self, tuning: Any) -> None:
-        """Use another tuning; the proposals do not jump.
-
-        Raises
-        ------
-        ValueError
-            If the tuning is not usable; the controller keeps the previous one.
-        """
+        """Use another tuning, without a bump; ValueError if it is not usable: the previous one is kept."""
         if self._configure(self.state, tuning):
             raise ValueError(self._refusal)
 

@@ -30,13 +30,8 @@ class Refusal(NamedTuple):
 def refusal(command: Command, limits: Limits | None = None, previous: Command | None = None) -> Refusal | None:
     """Why ``command`` may not be applied, None if it may.
 
-    Parameters
-    ----------
-    command : Command
-    limits : Limits, optional
-        None: it has to be finite only.
-    previous : Command, optional
-        Command of the tick before; without it the change is not checked.
+    Without ``limits`` it only has to be finite; without ``previous``, the command of the tick before, the change is not
+    checked.
     """
     force, speed = command.force_kn, command.speed_rpm
     if not (isfinite(force) and isfinite(speed)):

@@ -15,29 +15,18 @@ REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too
 class CommandGate:
     """Checks commands and counts what it refuses.
 
-    Attributes
-    ----------
-    limits : Limits
-        Bounds on commands; the change per tick is not checked.
-    max_age_s : float
-        Maximum age of the measurement that an accepted command answers.
-    sources : tuple of str
-        Whose commands are accepted; empty: all.
-    refused : dict of str to int
-        How many commands were refused for each of ``REASONS``, and of the node's own ``more_reasons``.
-    last_refusal : str
-        The last refusal in words.
-    last_stamp_ns : int or None
-        Stamp of the last measurement that was answered.
+    A command is accepted if it is within ``limits`` (its change per tick is not checked), answers a measurement that is
+    at most ``max_age_s`` old, and comes from one of ``sources`` (empty: any).
     """
 
     def __init__(
         self, limits: Limits, max_age_s: float, sources: Sequence[str] = (), more_reasons: Sequence[str] = ()
     ) -> None:
         self.configure(limits, max_age_s, sources)
+        #: commands refused for each of ``REASONS``, and of the node's own ``more_reasons``
         self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
-        self.last_refusal = ""
-        self.last_stamp_ns: int | None = None
+        self.last_refusal = ""  #: in words
+        self.last_stamp_ns: int | None = None  #: of the last measurement that was answered
 
     def configure(self, limits: Limits, max_age_s: float, sources: Sequence[str] = ()) -> None:
         """Apply new settings; the counts and the last stamp stay."""
@@ -47,17 +36,8 @@ class CommandGate:
     def check(self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None) -> str:
         """Why a command is refused (one of ``REASONS``), empty if it is accepted.
 
-        Parameters
-        ----------
-        command : Command
-        stamp_ns : int
-            Stamp of the measurement that it answers.
-        source : str
-            Who computed it.
-        healthy : bool
-            Whether its sender says that it may be applied.
-        measured_ns : int or None
-            Stamp of the last measurement; None before the first.
+        ``stamp_ns`` is the stamp of the measurement that it answers, ``measured_ns`` that of the last measurement (None
+        before the first); ``healthy`` is whether its sender says that it may be applied.
         """
         reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
         if reason:

@@ -26,15 +26,10 @@ class CommandWriters:
         Returns the gate, which may be replaced.
     configured : callable
         Sources by parameter; where there are any, only they are accepted.
-
-    Attributes
-    ----------
-    names : list of str
-        Nodes that publish commands, as of the last :meth:`look`.
     """
 
     def __init__(self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]) -> None:
-        self.names: list[str] = []
+        self.names: list[str] = []  #: nodes that publish commands, as of the last :meth:`look`
         self._node, self._gate, self._configured = node, gate, configured
         self._announced: tuple[str, ...] = ()
         self._elected: deque[str] = deque(maxlen=_SUPERVISORS)

@@ -29,31 +29,21 @@ SAFE_STOP: OperatorMode = "safe_stop"
 
 
 class Measurement(NamedTuple):
-    """The sensors at one tick.
+    """The sensors at one tick."""
 
-    Attributes
-    ----------
-    time_s : float
-        Stamp of the tick.
-    depth_mm, torque_nm, temperature_c : float
-        Sensor values; NaN where the sensor is invalid.
-    depth_valid, torque_valid, temperature_valid : bool
-        Whether the value may be used.
-    held : tuple of str
-        Sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad sample. A filter
-        must not take it for a measurement of this tick.
-    force_kn, speed_rpm : float
-        Inputs that act, as the drives report them; NaN where they do not.
-    """
-
-    time_s: float
+    time_s: float  #: stamp of the tick
+    #: sensor values; NaN where the sensor is invalid
     depth_mm: float
     torque_nm: float
     temperature_c: float
+    #: whether the value may be used
     depth_valid: bool = True
     torque_valid: bool = True
     temperature_valid: bool = True
+    #: sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad sample. A filter must
+    #: not take it for a measurement of this tick
     held: tuple[str, ...] = ()
+    #: inputs that act, as the drives report them; NaN where they do not
     force_kn: float = float("nan")
     speed_rpm: float = float("nan")
 

@@ -236,23 +236,16 @@ def run_controller(
     parameters: Source = None,
     args: Sequence[str] | None = None,
 ) -> int:
-    """Run a controller as a node until it is stopped.
+    """Run a controller as a node until it is stopped; returns the exit code.
 
     Parameters
     ----------
     make : callable
         The controller's class, or a function that makes one: from its parameters if it has any, else from nothing.
-    name : str, optional
-        Name of the controller; by default the ``name`` of the class.
-    parameters : (str, str) or path, optional
-        As for :class:`ControllerNode`; by default the ``parameters`` of the class.
+    name, parameters : optional
+        As for :class:`ControllerNode`; by default the class attributes ``name`` and ``parameters``.
     args : sequence of str, optional
         Command line, ``sys.argv`` by default.
-
-    Returns
-    -------
-    int
-        Exit code for ``sys.exit``.
     """
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):

@@ -13,14 +13,7 @@ _SHORTEST_NS = 100_000
 
 
 class DeadlineTimer:
-    """Calls back once per deadline on the steady clock.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    call : callable
-        Called at the deadline, which is no longer set then.
-    """
+    """Calls ``call`` once per deadline, on the steady clock; after that none is set."""
 
     def __init__(self, node: Node, call: Callable[[], None]) -> None:
         self._call = call

@@ -19,29 +19,18 @@ class JoinRules(NamedTuple):
     the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
     operator's page draws one for each sample of the drives (`fsw_hmi.weld_view`); in a bag all stamps are known
     (`fsw_analysis.signals`).
-
-    Attributes
-    ----------
-    jump_ns : int
-        Distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock.
-    agreeing : int
-        Sources with the same outlier that make it a jump of time; a single one does where nothing else comes.
-    pending_ticks : int
-        Incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed.
-    extension : float
-        Share of its patience that a tick is given, once, when this process itself has missed its deadline.
-    kept_drives : int
-        Samples of the drives that are kept for their tick; more than a queue holds after a stall.
-    unanswered : int
-        Ticks without a command after which commands are not waited for.
     """
 
+    #: distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock
     jump_ns: int = 1_000_000_000
+    #: sources with the same outlier that make it a jump of time; a single one does where nothing else comes
     agreeing: int = 2
+    #: incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed
     pending_ticks: int = 2
+    #: share of its patience that a tick is given, once, when this process itself has missed its deadline
     extension: float = 1.0 / 3.0
-    kept_drives: int = 16
-    unanswered: int = 3
+    kept_drives: int = 16  #: samples of the drives that are kept for their tick; more than a queue holds after a stall
+    unanswered: int = 3  #: ticks without a command after which commands are not waited for
 
 
 RULES = JoinRules()
@@ -50,29 +39,15 @@ JUMP_NS = RULES.jump_ns
 
 @dataclass(slots=True)
 class SampleSet:
-    """The samples of one stamp.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    begun_s : float
-        Arrival of the first one on the steady clock.
-    values : dict of str to float
-        By sensor; one that did not come is absent.
-    drives : Command or None
-        Force and speed that act, as the drives report them; None where their sample did not come.
-    restarted : bool
-        Whether time jumped before this tick, so that the past must be forgotten.
-    extended : bool
-        Whether its deadline was extended, once.
-    """
+    """The samples of one stamp."""
 
     stamp_ns: int
-    begun_s: float
-    values: dict[str, float] = field(default_factory=dict)
+    begun_s: float  #: arrival of the first one on the steady clock
+    values: dict[str, float] = field(default_factory=dict)  #: by sensor; one that did not come is absent
+    #: force and speed that act, as the drives report them; None where their sample did not come
     drives: Command | None = None
-    restarted: bool = False
-    extended: bool = False
+    restarted: bool = False  #: whether time jumped before this tick, so that the past must be forgotten
+    extended: bool = False  #: whether its deadline was extended, once
 
 
 class AcceptedSamples(NamedTuple):
@@ -88,18 +63,11 @@ class StampFilter:
     An outlier (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not accepted until a
     second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken clock cannot stop
     the others.
-
-    Attributes
-    ----------
-    newest_ns : int or None
-        Newest accepted stamp; None before the first.
-    jumps : int
-        Jumps of time since the start.
     """
 
     def __init__(self, silence_s: float) -> None:
-        self.newest_ns: int | None = None
-        self.jumps = 0
+        self.newest_ns: int | None = None  #: newest accepted stamp; None before the first
+        self.jumps = 0  #: jumps of time since the start
         self._silence_s = silence_s
         self._accepted_s = float("-inf")
         self._outliers: dict[str, tuple[int, float]] = {}
@@ -131,20 +99,13 @@ class MessageSynchronizer:
 
     The drives' sample is optional: it neither begins nor confirms a tick, and a tick does not wait for it. Only in
     lockstep (``await_drives``) does a tick wait for it, provided that the previous tick had one.
-
-    Attributes
-    ----------
-    stamps : StampFilter
-        Decides which stamps are accepted.
-    counts : dict of str to dict of str to int
-        By sensor, its samples ``late``, ``duplicate`` and ``missing`` since start.
-    missed : frozenset of str
-        Sensors (and ``drives``, ``command``) that were missing in the last tick.
     """
 
     def __init__(self, await_drives: bool = False) -> None:
-        self.stamps = StampFilter(silence_s=1.0)
+        self.stamps = StampFilter(silence_s=1.0)  #: decides which stamps are accepted
+        #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
         self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
+        #: sensors (and ``drives``, ``command``) that were missing in the last tick
         self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
         self._command_ns: int | None = None

@@ -77,13 +77,7 @@ def temperature_message(value_c: float, time_ns: int) -> Temperature:
 
 
 def reference(message: WeldReference) -> Reference:
-    """Set-points of a reference message.
-
-    Raises
-    ------
-    ValueError
-        When one of them is no number or out of its range.
-    """
+    """Set-points of a reference message; ValueError when one of them is no number or out of its range."""
     value = Reference(units.mm_from_m(message.depth), float(message.temperature))
     if problem := set_point_problem(value.depth_mm, value.temperature_c):
         raise ValueError(f"reference refused: {problem}; the message is in m and degC")

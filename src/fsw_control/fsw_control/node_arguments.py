@@ -22,24 +22,12 @@ _WIDTH = 100
 
 @dataclass(frozen=True, slots=True)
 class NodeArguments:
-    """Arguments that a node accepts on its command line.
+    """Arguments that a node accepts on its command line."""
 
-    Attributes
-    ----------
-    node : str
-        Name of the node, when it is not remapped.
-    about : str
-        Description of the node, in a sentence.
-    specs : mapping of str to ParameterSpec
-        Its parameters.
-    positional : str
-        Arguments before ``--ros-args``, as the usage shows them.
-    """
-
-    node: str
-    about: str
-    specs: Mapping[str, ParameterSpec]
-    positional: str = ""
+    node: str  #: name of the node, when it is not remapped
+    about: str  #: description of the node, in a sentence
+    specs: Mapping[str, ParameterSpec]  #: its parameters
+    positional: str = ""  #: arguments before ``--ros-args``, as the usage shows them
 
     def help(self, program: str) -> str:
         """Usage, and every parameter with type, default, range and meaning."""

@@ -59,19 +59,13 @@ class ReferenceQueue:
         ``AHEAD_REAL_NS`` in real time; in simulated time a whole scenario may be sent ahead.
     refuse : callable, optional
         Gets what is refused, why, and what to do.
-
-    Attributes
-    ----------
-    issued_ns : int
-        Place in the order of the reference that holds: its publication time, or later where the one before it says so;
-        0 before the first.
-    mark : str
-        With which the one that holds was sent.
     """
 
     def __init__(self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None) -> None:
+        #: place in the order of the reference that holds: its publication time, or later where the one before it says
+        #: so; 0 before the first
         self.issued_ns = 0
-        self.mark = ""
+        self.mark = ""  #: with which the one that holds was sent
         self.refuse = refuse
         self._horizon_ns = horizon_ns
         self._joined_ns: int | None = None

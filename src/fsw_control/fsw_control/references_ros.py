@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable
+import uuid
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from math import isnan
 from typing import Any
@@ -32,6 +34,8 @@ _ANSWER_S = 2.0
 _PROGRAMME_SILENT_S = 5.0
 #: a ramp begins this long after the last tick, so that no part of it is late
 _LEAD_NS = 500_000_000
+#: answer of a supervisor that does not lead
+ON_STANDBY = False, "refused: this supervisor is on standby now; send the request again"
 #: later times of issue would leave no place in the order that a message can hold
 _LAST_NS = (2**31 - 1) * NANOSECONDS
 
@@ -126,15 +130,23 @@ class KeptReference:
     """Receives set-points and, while leading, serves requests for new ones and publishes those in force.
 
     The service ``fsw/set_reference`` checks a request and sends its set-points on ``fsw/reference``; it answers when
-    they are in force by the rule of :class:`ReferenceQueue`, or cannot be.
+    they are in force by the rule of :class:`ReferenceQueue`, or cannot be. Both only while this supervisor leads:
+    the set-points of one that another has replaced unnoticed may reach nobody.
 
     An operator's command line ends as soon as it has sent its set-points, and the middleware forgets them. So those in
     force are published on ``fsw/supervisor/reference``, whose only writer is the leading supervisor. A restarted
     supervisor receives them from the controllers.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    leads : callable
+        Awaited before a request is acted on and before success is answered: whether this supervisor leads.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, leads: Callable[[], Awaitable[bool]]) -> None:
         self._node = node
+        self._leads = leads
         self._queue = reference_queue(node, self._on_refused)
         self._statement: StatedReference | None = None
         self._service: Service | None = None
@@ -142,7 +154,7 @@ class KeptReference:
         self._publishers: tuple[Publisher, Publisher] | None = None
         self._controllers: list[str] = []
         self._asked: list[_Asked] = []
-        self._count = 0
+        self._marks = (f"set_reference {uuid.uuid4().hex[:12]} {count}" for count in itertools.count(1))
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal = ""
@@ -225,13 +237,11 @@ class KeptReference:
     async def _on_request(
         self, request: SetReference.Request, response: SetReference.Response
     ) -> SetReference.Response:
-        self._count += 1
-        asked = _Asked(
-            f"set_reference {self._count}",
-            response,
-            Future(executor=self._node.executor),
-            time.monotonic() + _ANSWER_S,
-        )
+        if not await self._leads():
+            response.ok, response.message = ON_STANDBY
+            return response
+        due_s = time.monotonic() + _ANSWER_S
+        asked = _Asked(next(self._marks), response, Future(executor=self._node.executor), due_s)
         self._asked.append(asked)
         try:
             present = self._queue.at(self._tick_ns) if self._tick_ns >= 0 else None
@@ -244,6 +254,8 @@ class KeptReference:
             response.ok, response.message = False, f"refused: {error}"
             return response
         await asked.answered
+        if response.ok and not await self._leads():
+            response.ok, response.message = ON_STANDBY
         return response
 
     def _on_programme(self, message: WeldProgress) -> None:

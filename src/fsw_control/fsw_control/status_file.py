@@ -8,6 +8,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from fsw_schema.files import replacing
+
 #: environment variable with the file's path, set by the process that starts another
 VARIABLE = "FSW_STATUS_FILE"
 
@@ -17,10 +19,8 @@ def write_status(**values: Any) -> None:
     path = os.environ.get(VARIABLE)
     if path is None:
         return
-    part = Path(f"{path}.part")
-    with contextlib.suppress(OSError):  # a full disk ends no weld
+    with contextlib.suppress(OSError), replacing(Path(path)) as part:  # a full disk ends no weld
         part.write_text(json.dumps(values), encoding="utf-8")
-        part.replace(path)
 
 
 def read_status(path: Path) -> dict[str, Any]:

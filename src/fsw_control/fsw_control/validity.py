@@ -188,16 +188,10 @@ class SensorValidity:
 
 
 class SensorGuard:
-    """Judges the three sensors of a tick together, by default with the limits of ``controller.yaml``.
-
-    Attributes
-    ----------
-    reasons : dict of str to str
-        By sensor, why its last sample was not used; empty where it was.
-    """
+    """Judges the three sensors of a tick together, by default with the limits of ``controller.yaml``."""
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
-        self.reasons = dict.fromkeys(SENSORS, "")
+        self.reasons = dict.fromkeys(SENSORS, "")  #: by sensor, why its last sample was not used; empty where it was
         self._limits = sensor_limits() if limits is None else limits
         self.reset()
 

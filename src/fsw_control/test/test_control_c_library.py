@@ -108,7 +108,7 @@ def test_without_a_place_for_it_one_line_says_what_to_do(toy, monkeypatch, tmp_p
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(c_library, "compiler", lambda: ["cc"])
-    with pytest.raises(RuntimeError, match=r"cannot make a folder for the kernel's library: .* \(set XDG_CACHE_HOME\)"):
+    with pytest.raises(RuntimeError, match=r"cannot write the kernel's library: .* \(set XDG_CACHE_HOME\)"):
         toy.build()
 
 

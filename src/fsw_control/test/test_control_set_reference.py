@@ -26,7 +26,8 @@ class Graph(Spinner):
         rclpy.init(args=[])
         self.nodes = [rclpy.create_node(name) for name in ("supervisor", "controller", "operator")]
         supervisor, self.controller, operator = self.nodes
-        self.kept = KeptReference(supervisor)
+        self.leads = True
+        self.kept = KeptReference(supervisor, self.certain)
         self.kept.listen_to("echo")
         self.kept.open()
         self.follows = reference_queue(self.controller)
@@ -39,6 +40,9 @@ class Graph(Spinner):
         for node in self.nodes:
             self.executor.add_node(node)
         self.until(lambda: self.client.service_is_ready() and self.sender.get_subscription_count() == 2)
+
+    async def certain(self):
+        return self.leads
 
     def tick(self):
         self.ticks += 1
@@ -111,6 +115,30 @@ def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     assert graph.ask(temperature_c=821.0).ok
     graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 821.0)
     assert graph.follows.at(graph.ticks * STEP_NS).depth_mm == pytest.approx(2.7)
+
+
+@pytest.mark.requirement("S28")
+def test_a_supervisor_that_does_not_lead_accepts_nothing(graph, monkeypatch):
+    graph.start_controller()
+    assert graph.ask(2.7, 820.0).ok
+    graph.leads = False
+    refused = graph.ask(2.8, 830.0)
+    assert not refused.ok and "on standby" in refused.message
+    graph.leads = True
+    send = graph.kept._send
+    monkeypatch.setattr(graph.kept, "_send", lambda *sent: setattr(graph, "leads", False) or send(*sent))
+    replaced = graph.ask(2.9, 820.0)
+    assert not replaced.ok and "on standby" in replaced.message, "replaced between its sending and its answer"
+    assert graph.follows.at(graph.ticks * STEP_NS).depth_mm != pytest.approx(2.8)
+
+
+@pytest.mark.requirement("S28")
+def test_set_points_that_another_supervisor_has_sent_are_no_answer(graph):
+    """Both count their requests from 1: the mark of one must not be that of the other."""
+    graph.start_controller()
+    other = KeptReference(graph.nodes[2], graph.certain)
+    marks = [next(kept._marks) for kept in (graph.kept, other)]
+    assert marks[0] != marks[1]
 
 
 @pytest.mark.requirement("S28")

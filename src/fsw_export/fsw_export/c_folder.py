@@ -26,7 +26,7 @@ _ALL_MOVES = 54
 
 
 def check_folder(out: Path, replace: bool = False) -> None:
-    """Refuse a folder that :func:`write_folder` could not write; ExportError says why."""
+    """Refuse a folder that :func:`write_folder` could not write; the ExportError says why."""
     if not out.absolute().parent.is_dir():
         raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
     if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
@@ -38,7 +38,7 @@ def check_folder(out: Path, replace: bool = False) -> None:
 def write_folder(
     choice: Choice, out: Path, replace: bool = False, progress: Callable[[float], None] | None = None
 ) -> str:
-    """Weld with a controller to record test vectors, write its folder, compile the example and run it on the vectors.
+    """Weld with a controller to record test vectors, write its folder, compile the example and run it on them.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ def write_folder(
     out : Path
         Must not exist yet, or be empty.
     replace : bool
-        Whether an earlier export there is deleted, with all that has been put into it.
+        Whether an earlier export there is deleted, with everything that was added to it.
     progress : callable, optional
-        Given the share of the weld that is over, 0 to 1.
+        Called with the share of the weld that is done, 0 to 1.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def write_folder(
     Raises
     ------
     ExportError
-        If the folder holds something else or cannot be written, the controller cannot hold its model, or the example
+        If the folder holds something else or cannot be written, the controller cannot control its model, or the example
         fails.
     """
     check_folder(out, replace)

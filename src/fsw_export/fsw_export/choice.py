@@ -15,22 +15,13 @@ from fsw_schema.models import content_of, read_text
 
 @dataclass(frozen=True)
 class Choice:
-    """A unit with its model, tuning and parameters.
+    """A unit with its model, tuning and parameters."""
 
-    Attributes
-    ----------
-    unit : str
-        ``nmpc``, ``decentral`` or ``plant``.
-    model_file, tuning_file : Path, optional
-        The paper's model and the default tuning where they are not given.
-    values : mapping of str to Any
-        Parameters of the controller's node or of the plant.
-    """
-
-    unit: str
+    unit: str  #: ``nmpc``, ``decentral`` or ``plant``
+    #: the paper's model and the default tuning where they are not given
     model_file: Path | None = None
     tuning_file: Path | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)  #: parameters of the controller's node or of the plant
 
     @cached_property
     def model(self) -> ModelParameters:
@@ -39,12 +30,12 @@ class Choice:
 
     @cached_property
     def parameters(self) -> dict[str, Any]:
-        """All that is not left to the defaults of the controller's node or of the plant.
+        """All parameters that differ from the defaults of the controller's node or of the plant.
 
         Raises
         ------
         ExportError, InputError
-            If there cannot be a tuning, or its file cannot be used.
+            If the unit takes no tuning, or the file of the tuning cannot be used.
         """
         if self.unit == "decentral":
             return self._of_spindle() | self._gains() | dict(self.values)

@@ -16,10 +16,11 @@ from fsw_export.errors import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
+from fsw_schema.files import replacing
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
-#: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
+#: FMI platforms that zig cross-compiles for: its target, and the suffix of the binary
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 #: what can be exported, by name
@@ -40,7 +41,7 @@ def make(choice: Choice) -> Content:
 
 
 def check_file(out: Path, replace: bool = False) -> None:
-    """Refuse a file that :func:`write` could not write; ExportError says why."""
+    """Refuse a file that :func:`write` could not write; the ExportError says why."""
     if out.suffix != ".fmu":
         raise ExportError(f"{out}: the name must end in .fmu")
     if not out.absolute().parent.is_dir():
@@ -83,18 +84,14 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
             files_c = [str(folder / name) for name in compiled]
             run_compiler([*command, *FLAGS, *files_c, "-o", str(binary), "-lm"])
             files[f"binaries/{platform}/{binary.name}"] = binary.read_bytes()
-    part = out.with_name(f".{out.name}.part")
     try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        with replacing(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, data in files.items():
                 entry = zipfile.ZipInfo(name)  # without a date: the same file every time
                 entry.external_attr = 0o644 << 16
                 archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
-        part.replace(out)
     except OSError as error:
         raise ExportError(f"cannot write {out}: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _sources(content: Content) -> tuple[dict[str, str], str]:
@@ -117,7 +114,7 @@ def _fmpy() -> Path:
 
 
 def _native() -> tuple[list[str], str, str]:
-    """Compiler for this machine, end of a binary's name, and the machine's name in an FMU."""
+    """Compiler for this machine, suffix of a binary, and the machine's name in an FMU."""
     import fmpy
 
     return [*needed_compiler(), "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform

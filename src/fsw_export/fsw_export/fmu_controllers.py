@@ -51,7 +51,7 @@ def nmpc(choice: Choice) -> Content:
     Raises
     ------
     ExportError, ValueError
-        If a parameter is unknown or out of range, a file cannot be used, or the solver is not the library's own.
+        If a parameter is unknown or out of range, or a file cannot be used.
     """
     specs = load("fsw_nmpc", "nmpc.yaml")
     values = validate(specs, choice.parameters)

@@ -38,35 +38,16 @@ _FOLDER = Path(__file__).parent / "fmi"
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable.
+    """A variable."""
 
-    Attributes
-    ----------
-    name : str
-        Also of the member of its C struct, with ``_`` for dots.
-    causality : str
-        ``input``, ``output`` or ``parameter``.
-    description : str
-    unit : str
-        One of ``UNITS``; empty: none.
-    start : float, int, bool or None
-        Its type is that of the variable; None (an output): Real, or what ``type`` says.
-    type : str
-        One of ``TYPES``.
-    allowed : (float, float)
-        Range of a parameter.
-    fixed : bool
-        Whether a parameter cannot be changed after the initialization.
-    """
-
-    name: str
-    causality: str
+    name: str  #: also of the member of its C struct, with ``_`` for dots
+    causality: str  #: ``input``, ``output`` or ``parameter``
     description: str
-    unit: str = ""
-    start: float | None = None
-    type: str = "Real"
-    allowed: tuple[float, float] = (-inf, inf)
-    fixed: bool = False
+    unit: str = ""  #: one of ``UNITS``; empty: none
+    start: float | None = None  #: its type is that of the variable; None (an output): Real, or what ``type`` says
+    type: str = "Real"  #: one of ``TYPES``
+    allowed: tuple[float, float] = (-inf, inf)  #: range of a parameter
+    fixed: bool = False  #: whether a parameter cannot be changed after the initialization
 
     @property
     def member(self) -> str:
@@ -131,21 +112,12 @@ def parameter(spec: ParameterSpec, start: float, fixed: bool = False) -> Variabl
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """Content of an FMU.
+    """Content of an FMU."""
 
-    Attributes
-    ----------
-    identifier : str
-        Model identifier of FMI.
-    description : str
-    variables : tuple of Variable
-    sources : mapping of str to str
-        C files of the unit by name, without those that all FMUs share; ``fmu_unit.h`` declares its memory.
-    """
-
-    identifier: str
+    identifier: str  #: model identifier of FMI
     description: str
     variables: tuple[Variable, ...]
+    #: C files of the unit by name, without those that all FMUs share; ``fmu_unit.h`` declares its memory
     sources: Mapping[str, str] = field(repr=False)
 
     def of_type(self, type: str) -> list[Variable]:
@@ -175,13 +147,6 @@ def model_description(content: Content, sources: Sequence[str], guid: str) -> st
         step_s=TICK_S,
         guid=guid,
     )
-
-
-def table(content: Content) -> str:
-    """All variables as text: one line each."""
-    rows = [(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in content.variables]
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    return "\n".join("  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[4]]) for row in rows)
 
 
 def source(name: str) -> str:

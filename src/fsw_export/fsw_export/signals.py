@@ -11,27 +11,13 @@ from fsw_nmpc import library as nmpc
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A signal of an exported controller.
+    """A signal of an exported controller."""
 
-    Attributes
-    ----------
-    name : str
-        In CSV files, FMUs and function blocks.
-    member : str
-        Where it is in the C struct.
-    kind : str
-        ``real``, ``int`` or ``bool``; the latter two are an int in C.
-    unit : str
-        Empty: none.
-    text : str
-        What it is.
-    """
-
-    name: str
-    kind: str
-    unit: str
-    text: str
-    member: str = ""
+    name: str  #: in CSV files, FMUs and function blocks
+    kind: str  #: ``real``, ``int`` or ``bool``; the latter two are an int in C
+    unit: str  #: empty: none
+    text: str  #: what it is
+    member: str = ""  #: where it is in the C struct
 
     @property
     def in_c(self) -> str:

@@ -21,29 +21,14 @@ from fsw_nmpc.library import Tables
 
 @dataclass(frozen=True)
 class ControllerSources:
-    """All parts of a controller in an exported folder or FMU.
+    """All parts of a controller in an exported folder or FMU."""
 
-    Attributes
-    ----------
-    name : str
-        ``nmpc`` or ``decentral``.
-    title : str
-    library : CLibrary
-    sizes : dict of str to int
-        Macros that lower the header's sizes to those of the model.
-    arrays : dict of str to array
-        Tables that the structs' pointers of the same name refer to.
-    structs : dict of str to Any
-        Arguments of the controller's initialisation, by kind: ``model``, ``tuning``.
-    inputs, outputs : tuple of Signal
-    """
-
-    name: str
+    name: str  #: ``nmpc`` or ``decentral``
     title: str
     library: CLibrary
-    sizes: Mapping[str, int]
-    arrays: Mapping[str, Any]
-    structs: Mapping[str, Any]
+    sizes: Mapping[str, int]  #: macros that lower the header's sizes to those of the model
+    arrays: Mapping[str, Any]  #: tables that the structs' pointers of the same name refer to
+    structs: Mapping[str, Any]  #: arguments of the controller's initialisation, by kind: ``model``, ``tuning``
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
 

@@ -19,7 +19,7 @@ _TITLES = {
 _CLOCKS = (200, 480, 1000)
 #: fewest and most cycles per instruction that are assumed; QEMU counts instructions only
 _CYCLES = (1, 3)
-#: cap of the solver's iterations that the documentation recommends for slow processors
+#: limit on the solver's iterations that the documentation recommends for slow processors
 _LOW_CAP = 12
 
 
@@ -30,19 +30,13 @@ def published(name: str, target: str) -> dict[str, Any] | None:
 
 
 def results_page(measured: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
-    """The page of measured figures of all exports.
-
-    Parameters
-    ----------
-    measured : mapping of str to mapping of str to mapping
-        By export and target, as ``benchmarks/targets.py`` measures them.
-    """
+    """The page of measured figures, by export and target as ``benchmarks/targets.py`` measures them."""
     exports = {_TITLES[name]: list(map(_derived, targets.values())) for name, targets in measured.items()}
     return render("targets.md", exports=exports)
 
 
 def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
-    """Measured figures, with the times and the largest caps of the iterations that follow from them."""
+    """Measured figures, with the times and the largest limits on the iterations that follow from them."""
     counts, caps = {}, {}
     if "instructions_max" in measured:
         counts = {
@@ -64,7 +58,7 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _worst(measured: Mapping[str, Any], cap: int) -> int:
-    """Instructions of a tick that solves twice, as it may at most, each time up to the cap."""
+    """Instructions of a tick that solves twice, the most that it may, each time up to the limit."""
     without = int(measured["instructions_without"])
     return int(without + 2 * cap * (measured["instructions_max"] - without) / measured["iterations_max"])
 

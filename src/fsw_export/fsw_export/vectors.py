@@ -20,7 +20,7 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
 
-#: share of the inputs that are wrong in the vectors with faults, and what they are then
+#: share of the inputs that are wrong in the vectors with faults, and their values then
 _SHARE = 0.03
 _WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
 _WRONG_INTS = (0, 1, -7)
@@ -31,22 +31,11 @@ _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 class VectorRecorder:
-    """Notes input and output of every step of a library, inside a ``with``.
-
-    Parameters
-    ----------
-    library : CController
-        Its ``step`` is replaced meanwhile.
-    inputs, outputs : sequence of Signal
-
-    Attributes
-    ----------
-    ticks, answers : list of tuple of float
-        A row of values per step, in the order of the signals.
-    """
+    """Records input and output of every step of a library, inside a ``with``, which replaces its ``step``."""
 
     def __init__(self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
         self.library, self.inputs, self.outputs = library, inputs, outputs
+        #: a row of values per step, in the order of the signals
         self.ticks: list[tuple[float, ...]] = []
         self.answers: list[tuple[float, ...]] = []
         self._step = library.step
@@ -60,7 +49,7 @@ class VectorRecorder:
 
     def _noted(self) -> None:
         if hasattr(self.library.input, "n_changes"):
-            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the files have room for one
+            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the CSV files have columns for one
         self.ticks.append(_row(self.library.input, self.inputs))
         self._step()
         self.answers.append(_row(self.library.output, self.outputs))
@@ -79,7 +68,7 @@ def recorded(
     Raises
     ------
     ExportError
-        If the controller cannot be exported, or cannot hold its model.
+        If the controller cannot be exported, or cannot control its model.
     """
     controller: Any = make(choice.unit, choice.parameters)
     sources, model = sources_of(controller), choice.model

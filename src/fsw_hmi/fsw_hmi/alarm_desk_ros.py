@@ -12,7 +12,6 @@ from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
 from fsw_hmi.alarms import AlarmList
-from fsw_hmi.frames import COLUMNS
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
@@ -72,7 +71,7 @@ class AlarmDesk:
             command_age_s=None if view.command_s is None else now_s - view.command_s,
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
             sensor_reasons=watch.sensor_reasons,
-            values=dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {},
+            values=watch.values,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),
         )

@@ -313,20 +313,12 @@ class AlarmList:
         return [
             {
                 "id": name,
-                "text": one.alarm.text,
-                "consequence": one.alarm.consequence,
-                "advice": one.alarm.advice,
-                "priority": one.alarm.priority,
-                "state": one.state,
-                "present": one.present,
-                "count": one.count,
-                "chatters": one.chatters,
+                **{key: getattr(one.alarm, key) for key in ("text", "consequence", "advice", "priority")},
+                **{key: getattr(one, key) for key in ("state", "present", "count", "chatters", "first", "shelved")},
                 "first_out": bool(one.led_to),
-                "first": one.first,
                 "first_s": round(one.first_wall_s or one.raised_wall_s, 3),
                 "raised_s": round(one.raised_wall_s, 3),
                 "changed_s": round(one.changed_wall_s, 3),
-                "shelved": one.shelved,
                 "shelved_until_s": one.shelved_until_s and round(wall_s + one.shelved_until_s - now_s),
             }
             for name, one in listed

@@ -28,33 +28,22 @@ def _encoded(content: Any) -> bytes:
     return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
 
 
-class BagPage:
-    """The page and the bags that it shows, as routes.
+def routes(files: PageFiles, views: Sequence[BagView]) -> list[BaseRoute]:
+    """Routes of the application: the page, and the bags that it shows."""
+    listed = [{"n": n, **view.summary} for n, view in enumerate(views)]
+    bags = _encoded({"build": files.build, "bags": listed, "limits": views[0].limits})
+    rows = [_encoded({"columns": view.columns, "rows": view.rows}) for view in views]
 
-    Parameters
-    ----------
-    files : PageFiles
-    views : sequence of BagView
-    """
-
-    def __init__(self, files: PageFiles, views: Sequence[BagView]) -> None:
-        self._files = files
-        bags = [{"n": n, **view.summary} for n, view in enumerate(views)]
-        self._list = _encoded({"build": files.build, "bags": bags, "limits": views[0].limits})
-        self._bags = [_encoded({"columns": view.columns, "rows": view.rows}) for view in views]
-
-    def routes(self) -> list[BaseRoute]:
-        """Routes of the application."""
-        return [*self._files.routes(), Route("/bags", self._on_list), Route("/bags/{n:int}", self._on_bag)]
-
-    async def _on_list(self, _: Request) -> Response:
-        return Response(self._list, media_type="application/json")
-
-    async def _on_bag(self, request: Request) -> Response:
+    async def on_bag(request: Request) -> Response:
         n = int(request.path_params["n"])
-        if n >= len(self._bags):
+        if n >= len(rows):
             return PlainTextResponse(f"there is no bag {n}; /bags tells which there are\n", status_code=404)
-        return Response(self._bags[n], media_type="application/json")
+        return Response(rows[n], media_type="application/json")
+
+    async def on_bags(_: Request) -> Response:
+        return Response(bags, media_type="application/json")
+
+    return [*files.routes(), Route("/bags", on_bags), Route("/bags/{n:int}", on_bag)]
 
 
 def serve(
@@ -73,7 +62,7 @@ def serve(
     for view in views:
         for problem in view.summary["problems"]:
             print(f"note: {problem}", file=sys.stderr)
-    app = application(BagPage(files, views).routes(), [host, *allow_hosts], listening.gate)
+    app = application(routes(files, views), [host, *allow_hosts], listening.gate)
     print(f"operator's page: {address(listening, encrypted is not None)}", flush=True)
     # uvicorn ends well and then raises the signal again
     signal.signal(signal.SIGTERM, signal.default_int_handler)

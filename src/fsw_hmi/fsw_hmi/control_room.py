@@ -6,13 +6,14 @@ import hmac
 import json
 import secrets
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from fsw_hmi import security, tokens
+from fsw_hmi import security
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.frames import readable
+from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 from fsw_schema.models import InputError
@@ -71,32 +72,29 @@ class _Request(BaseModel):
     do: Any = None
 
 
-class Record(NamedTuple):
-    """Something for the record that nobody has asked for, or that was refused."""
-
-    who: str
-    what: str
-    outcome: str
-    message: str
-
-
 @dataclass(frozen=True, slots=True)
-class Rules:
-    """How long what may last.
+class Order:
+    """An action on its way to the graph; or without one what is to be recorded, as it never gets there.
 
     Attributes
     ----------
-    local_stop : bool
-        Whether pages on this computer may stop without login.
-    idle_timeout_s : float
-        After which a page that nobody touches gives control back; 0: never.
-    handover_timeout_s : float
-        After which control that was asked for may be taken without an answer.
+    who : str
+        Name and session.
+    asked : str
+        The action in words.
+    outcome, message : str
+        For the record.
+    action : Action or None
+    number : int
+        By which the outcome of an action is reported.
     """
 
-    local_stop: bool = True
-    idle_timeout_s: float = 900.0
-    handover_timeout_s: float = 30.0
+    who: str
+    asked: str
+    outcome: str = ""
+    message: str = ""
+    action: Action | None = None
+    number: int = 0
 
 
 class ControlRoom:
@@ -106,20 +104,31 @@ class ControlRoom:
     ----------
     key : str or Users
         The token that a person must know to command, or the named users.
-    rules : Rules, optional
+    local_stop : bool, optional
+        Whether pages on this computer may stop without login.
+    idle_timeout_s : float, optional
+        After which a page that nobody touches gives control back; 0: never.
+    handover_timeout_s : float, optional
+        After which control that was asked for may be taken without an answer.
     """
 
-    def __init__(self, key: str | Users, rules: Rules | None = None) -> None:
+    def __init__(
+        self,
+        key: str | Users,
+        local_stop: bool = True,
+        idle_timeout_s: float = 900.0,
+        handover_timeout_s: float = 30.0,
+    ) -> None:
         if not key:
             raise ValueError("the token is empty")
         self._users = key if isinstance(key, Users) else None
         self._token = key.encode() if isinstance(key, str) else b""
-        self._rules = rules or Rules()
+        self._local_stop, self._idle_timeout_s = local_stop, idle_timeout_s
         self._sessions: dict[str, Session] = {}
-        self._control = Control(self._rules.handover_timeout_s)
-        self._wrong = tokens.WrongLogins()
+        self._control = Control(handover_timeout_s)
+        self._wrong = WrongLogins()
         self._takeable = self._changed = False
-        self._records: list[Record] = []
+        self._records: list[Order] = []
         self.ended = ""  #: why nobody has control any longer, until somebody takes it
 
     @property
@@ -134,7 +143,7 @@ class ControlRoom:
         number = secrets.token_hex(3)
         while number in self._sessions:
             number = secrets.token_hex(3)
-        local_stop = self._rules.local_stop and security.is_loopback(address)
+        local_stop = self._local_stop and security.is_loopback(address)
         self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
@@ -143,10 +152,10 @@ class ControlRoom:
         self._sessions.pop(session.id, None)
         return self._free(session, why)
 
-    def tick(self, now_s: float) -> tuple[bool, list[Record]]:
+    def tick(self, now_s: float) -> tuple[bool, list[Order]]:
         """Let time pass: whether control has changed, and what is to be recorded."""
         self._look_at_users()
-        limit_s = self._rules.idle_timeout_s
+        limit_s = self._idle_timeout_s
         for session in self._sessions.values():
             if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
                 self._shut(session, f"nobody has touched the page for {limit_s / 60.0:g} min")
@@ -160,7 +169,7 @@ class ControlRoom:
         """The server was killed while somebody had control; tell and record it."""
         why = "the page's server was started again"
         self.ended = f"{holder} has lost control: {why}"
-        self._records.append(Record(holder, LOST, DONE, why))
+        self._records.append(Order(holder, LOST, DONE, why))
 
     def _look_at_users(self) -> None:
         """Whoever is no longer the user who has logged in, has to log in again for all but a safe stop."""
@@ -178,7 +187,7 @@ class ControlRoom:
         """Take from a session what it has of control; returns whether it had any."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
-            self._records.append(Record(session.who, LOST, DONE, why))
+            self._records.append(Order(session.who, LOST, DONE, why))
         return self._control.release(session)
 
     @property
@@ -288,7 +297,7 @@ class ControlRoom:
         if not wait_s and not known:  # what was typed in as a name may be a password
             who = self._users.name(name) if self._users else ""
             words = f"{what}, from {session.client or 'an unknown address'}"
-            self._records.append(Record(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
+            self._records.append(Order(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
         too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
         return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
 

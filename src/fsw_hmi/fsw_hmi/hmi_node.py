@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -25,23 +24,22 @@ from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import tls, tokens, users
+from fsw_hmi import tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
-from fsw_hmi.control_room import ControlRoom, Rules
-from fsw_hmi.frames import COLUMNS, frame, readable, row
+from fsw_hmi.control_room import ControlRoom, Order
+from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
-from fsw_hmi.refusals import Known, why_not
+from fsw_hmi.refusals import why_not
 from fsw_hmi.reports_ros import NO_STATE
-from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, Action, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
-from fsw_hmi.web import LivePage, Order
-from fsw_hmi.web_server import address, application, is_local, listen
-from fsw_hmi.web_thread import WebThread
+from fsw_hmi.web import LivePage
+from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
 
@@ -73,7 +71,6 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
         self._received: deque[Order] = deque()
-        self._frames: dict[str, str] = {}
         self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
@@ -85,7 +82,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(
-            key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
+            key, **{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")}
         )
         self._page = LivePage(
             files,
@@ -96,9 +93,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         app = application(self._page.routes(), [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
+        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
@@ -127,13 +124,14 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         if kept is not None:
             self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
             self._done.extend(kept.actions)
-            self._page.restore(rows, kept.actions)
+            self._page.restore(rows)
             self._room.ended = kept.ended
             if kept.holder:
                 self._room.restart(kept.holder)
         if rows:
             self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
-        self._show_alarms()
+        self._show("alarms", self._desk.frame())
+        self._show("actions", {"actions": list(self._done)})
 
     def _keep(self) -> None:
         holder, ended = self._room.holder, self._room.ended
@@ -163,27 +161,14 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text}}}'
-            frames, self._frames = self._frames, {}
-            self._web.call(partial(self._show_tick, frames, text, shown, now_s))
+            self._web.call(partial(self._page.tick, text, shown, now_s))
 
-    def _show_tick(self, frames: dict[str, str], text: str, shown: str | None, came_s: float) -> None:
-        """In the server's thread."""
-        self._show(frames)
-        self._page.tick(text, shown, came_s)
-
-    def _flush(self) -> None:
-        """Hand over what no tick has taken along."""
-        if self._frames:
-            frames, self._frames = self._frames, {}
-            self._web.call(partial(self._show, frames))
-
-    def _show(self, frames: dict[str, str]) -> None:
-        """In the server's thread."""
-        for kind, one in frames.items():
-            self._page.show(kind, one)
+    def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
+        """Send a frame to all pages, in place of the one of its kind before, or of its kind and what it is of."""
+        self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
     def _on_prediction(self, content: dict[str, Any]) -> None:
-        self._frames[f"prediction {content['controller']}"] = frame("prediction", content)
+        self._show("prediction", content, content["controller"])
 
     def _show_state(self) -> None:
         watch = self._watch
@@ -194,8 +179,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             for what, one in parts.items()
         ]
         parts.sort(key=lambda one: one["level"] == "ok")
-        shown = {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]}
-        self._frames["state"] = frame("state", shown)
+        self._show("state", {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]})
 
     def _say_hello(self) -> None:
         hello = {
@@ -214,11 +198,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._orders.look()
         self._watch.look()
         if self._desk.judge():
-            self._show_alarms()
-            self._flush()
-
-    def _show_alarms(self) -> None:
-        self._frames["alarms"] = frame("alarms", self._desk.frame())
+            self._show("alarms", self._desk.frame())
 
     def _report(self) -> None:
         watch = self._watch
@@ -226,8 +206,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             raise RuntimeError("the page's server has ended")
         self._show_state()
         if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
-            self._frames["progress"] = frame("progress", watch.progress)
-        self._flush()
+            self._show("progress", watch.progress)
         self._keep()
         is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():
@@ -268,27 +247,21 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._record(order, order.outcome, order.message)
         elif isinstance(action, Acknowledge | Shelve | Unshelve):
             ok, words = self._desk.carry_out(action, order.who)
-            self._show_alarms()
-            self._flush()
+            self._show("alarms", self._desk.frame())
             answer(DONE if ok else REFUSED, words)
-        elif why := why_not(action, self._known()):
+        elif why := self._why_not(action):
             answer(REFUSED, why)
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _known(self) -> Known:
-        """What a request is compared with before it is sent."""
+    def _why_not(self, action: Action) -> str:
+        """Why a request is not even sent, by what is known now."""
         watch, now_s = self._watch, time.monotonic()
-        measured = watch.row is not None and now_s - (watch.view.tick_s or 0.0) <= NO_REPORT_S
-        values = dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row and measured else {}
-        stays = values and not watch.references.coming
-        return Known(
-            watch.state if now_s - watch.state_s <= NO_REPORT_S else None,
-            watch.progress if now_s - watch.progress_s <= _PROGRAMME_SILENT_S else None,
-            values["reference_depth_mm"] if stays else nan,
-            values["reference_temperature_c"] if stays else nan,
-            self._interlocks,
-        )
+        known = watch.state if now_s - watch.state_s <= NO_REPORT_S else None
+        measured = watch.view.tick_s is not None and now_s - watch.view.tick_s <= NO_REPORT_S
+        stays = watch.values if measured and not watch.references.coming else {}
+        in_force = (stays["reference_depth_mm"], stays["reference_temperature_c"]) if stays else None
+        return why_not(action, known, in_force, self._interlocks)
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
         message = readable(message)
@@ -298,6 +271,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _record(self, order: Order, outcome: str, message: str) -> None:
         done = {"who": order.who, "action": order.asked, "outcome": outcome, "message": message}
         self._done.append(done | {"server_s": round(time.time(), 3)})
+        self._show("actions", {"actions": list(self._done)})
         self._actions.publish(
             OperatorAction(
                 header=convert.header(int(self.get_clock().now().nanoseconds)),
@@ -314,7 +288,7 @@ def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tup
     if users_file and token_file:
         raise ValueError("users_file, token_file: give one of them")
     if token_file:
-        return tokens.read(Path(token_file).expanduser()), False
+        return users.read_token(Path(token_file).expanduser()), False
     if not users_file:
-        return tokens.new(), True
+        return users.new_token(), True
     return users.UsersFile(Path(users_file).expanduser(), warn), False

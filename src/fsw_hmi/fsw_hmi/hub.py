@@ -1,32 +1,71 @@
-"""What is sent to which page, and when a page is given up. Runs in the web server's loop only."""
+"""What is sent to which page, and when a page is given up. Belongs to the web server's loop."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import deque
+from typing import Any
 
-from fsw_hmi.history import History
+from fsw_hmi.control import Session
 
+#: ticks in a frame of the past, and such frames: an hour
+BLOCK, _BLOCKS = 600, 60
+#: ticks that are kept at least
+KEPT = BLOCK * _BLOCKS
 #: ticks that wait for a page; it loses older ones
 _TICKS = 20
 #: kinds of frames that do not belong to one weld
-_LASTING = ("state", "alarms")
+_LASTING = ("state", "alarms", "actions")
 #: answers that wait for a page before it is given up
 _ANSWERS = 200
 
 
-class Client:
-    """What one page still has to get, the most urgent first.
+class History:
+    """Rows of ticks in blocks that are encoded once, whoever asks for them; the oldest are forgotten after an hour."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[str] = deque(maxlen=_BLOCKS)
+        self._rows: list[str] = []
+        self._newest = ""
+
+    def add(self, row: str) -> None:
+        """Take an encoded row."""
+        self._rows.append(row)
+        self._newest = ""
+        if len(self._rows) == BLOCK:
+            self._blocks.append(_frame(self._rows))
+            self._rows.clear()
+
+    def frames(self) -> list[str]:
+        """Frames from the newest to the oldest; rows inside are in order of time."""
+        blocks = list(reversed(self._blocks))
+        if self._rows:
+            self._newest = self._newest or _frame(self._rows)
+            blocks.insert(0, self._newest)
+        return blocks
+
+
+class Page:
+    """One open page: who is there, and what it still has to get, the most urgent first.
 
     Of ticks a slow page gets the newest, of every other kind of frame the latest; it loses no answer.
 
     Attributes
     ----------
+    session : Session
+    peer : tuple or None
+        Address and port of its browser.
+    number : int
+        In the order of opening.
+    evicted : bool
+        Whether it is given up to make room.
     given_up : asyncio.Event
         Set when nothing more is to be sent.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, session: Session, peer: Any, number: int) -> None:
+        self.session, self.peer, self.number = session, peer, number
+        self.evicted = False
         self.given_up = asyncio.Event()
         self._wake = asyncio.Event()
         self._urgent: deque[str] = deque()
@@ -37,11 +76,10 @@ class Client:
 
     def begin(self, hello: str, latest: dict[str, str], history: list[str]) -> None:
         """Start, or start again, with everything that is known."""
-        self._urgent.append(hello)
         self._ticks.clear()
         self._history = deque(history)
         self._latest |= latest
-        self._wake.set()
+        self.answer(hello)
 
     def answer(self, frame: str) -> None:
         """Send an answer, whatever else is lost."""
@@ -90,30 +128,29 @@ class Hub:
     """All open pages, and what a new page is sent."""
 
     def __init__(self) -> None:
-        self.clients: set[Client] = set()
+        self.pages: set[Page] = set()
         self.history = History()
-        self._hello = ""
-        self._latest: dict[str, str] = {}
+        self.latest: dict[str, str] = {}  #: frames for a new page, by kind
 
     def tick(self, row: str, frame: str | None) -> None:
         """Keep a row, and send its frame to all pages unless it is left out."""
         self.history.add(row)
         if frame is not None:
-            for client in self.clients:
-                client.tick(frame)
+            for page in self.pages:
+                page.tick(frame)
 
     def show(self, kind: str, frame: str, keep: bool = True) -> None:
         """Send a frame to all pages, and with ``keep`` to those that open later."""
         if keep:
-            self._latest[kind] = frame
-        for client in self.clients:
-            client.show(kind, frame)
+            self.latest[kind] = frame
+        for page in self.pages:
+            page.show(kind, frame)
 
     def forget(self) -> None:
         """Another weld begins: the past does not belong to it, but who is there and what is wrong does."""
-        self.history.clear()
-        self._latest = {kind: frame for kind, frame in self._latest.items() if kind in _LASTING}
+        self.history = History()
+        self.latest = {kind: frame for kind, frame in self.latest.items() if kind in _LASTING}
 
-    def latest(self) -> dict[str, str]:
-        """Latest frames for a new page, by kind."""
-        return dict(self._latest)
+
+def _frame(rows: list[str]) -> str:
+    return f'{{"t":"history","rows":[{",".join(rows)}]}}'

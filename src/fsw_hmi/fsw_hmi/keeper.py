@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -13,7 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.history import KEPT
+from fsw_hmi.hub import KEPT
+from fsw_schema.files import replacing
 
 #: what was kept longer ago is of another weld [s] (chosen)
 _OLD_S = 600.0
@@ -71,24 +71,18 @@ class Keeper:
             self._warn(f"{path}: damaged, not used")
         except OSError as error:
             self._give_up(error)
-        self._begin(rows)
+        self.forget(rows)
         return state, rows
 
     def _rows(self, path: Path) -> list[str]:
-        lines, damaged = deque[str](maxlen=KEPT), 0
-        if path.exists():
-            with path.open(encoding="utf-8", errors="replace") as file:
-                for line in file:
-                    if _is_row(line):
-                        lines.append(line.rstrip("\n"))
-                    else:
-                        damaged += 1
-        if damaged:
-            self._warn(f"{path}: {damaged} damaged lines, left out")
-        return list(lines)
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+        rows = [line for line in lines if _is_row(line)]
+        if len(rows) < len(lines):
+            self._warn(f"{path}: {len(lines) - len(rows)} damaged lines, left out")
+        return rows[-KEPT:]
 
-    def _begin(self, rows: list[str]) -> None:
-        """Begin the file of the rows anew."""
+    def forget(self, rows: Sequence[str] = ()) -> None:
+        """Another weld begins, of which there are these rows."""
         if self._folder is None:
             return
         try:
@@ -98,10 +92,6 @@ class Keeper:
             self._file.writelines(f"{row}\n" for row in rows)
         except OSError as error:
             self._give_up(error)
-
-    def forget(self) -> None:
-        """Another weld begins."""
-        self._begin([])
 
     def add(self, row: str) -> None:
         """Take a row of the trends, encoded."""
@@ -115,11 +105,10 @@ class Keeper:
         """Write the state, and the rows so far."""
         if self._folder is None or self._file is None:
             return
-        part = self._folder / "hmi_state.json.part"
         try:
             self._file.flush()
-            part.write_bytes(_KEPT.dump_json(state))
-            part.replace(self._folder / "hmi_state.json")
+            with replacing(self._folder / "hmi_state.json") as part:
+                part.write_bytes(_KEPT.dump_json(state))
         except OSError as error:
             self._give_up(error)
 

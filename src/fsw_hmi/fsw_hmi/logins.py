@@ -1,9 +1,10 @@
-"""Checks passwords beside the server's loop, one at a time, the clients in turn: a flood delays nothing but itself."""
+"""Who tries to log in: which clients guess, and passwords, which are checked beside the server's loop."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import os
 import threading
 from collections import Counter
@@ -15,6 +16,45 @@ from fsw_hmi.users import User
 #: checks that wait or are under way, of one client and of all (chosen)
 _OF_CLIENT, _OF_ALL = 9, 65
 _NICE = 10
+#: different wrong tokens or passwords of a client within the window after which each costs it a connection (chosen)
+_MOST_WRONG, _WINDOW_S = 5, 60.0
+#: clients that are remembered, the latest
+_MOST_CLIENTS = 1000
+
+
+class WrongLogins:
+    """Tells which clients try tokens or passwords, each for itself.
+
+    The same wrong one counts once, so that pages that log in again with an old one do not lock their user out.
+    """
+
+    def __init__(self) -> None:
+        self._given_s: dict[str, dict[bytes, float]] = {}
+
+    def left_s(self, client: str, now_s: float) -> float:
+        """For how long a client is shut out [s], 0 when it is not."""
+        recent = self._recent(client, now_s)
+        return _WINDOW_S - now_s + min(recent.values()) if len(recent) >= _MOST_WRONG else 0.0
+
+    def knows(self, client: str, token: bytes, now_s: float) -> bool:
+        """Whether a client has given this wrong one lately."""
+        return hashlib.sha256(token).digest() in self._recent(client, now_s)
+
+    def add(self, client: str, token: bytes, now_s: float) -> float:
+        """Take note of a wrong one; returns for how long the client is shut out already [s], 0 when it is not."""
+        left_s = self.left_s(client, now_s)
+        if left_s:
+            return left_s
+        recent = self._recent(client, now_s) | {hashlib.sha256(token).digest(): now_s}
+        self._given_s.pop(client, None)
+        self._given_s[client] = recent
+        if len(self._given_s) > _MOST_CLIENTS:
+            del self._given_s[next(iter(self._given_s))]
+        return 0.0
+
+    def _recent(self, client: str, now_s: float) -> dict[bytes, float]:
+        given_s = self._given_s.get(client, {})
+        return {digest: one_s for digest, one_s in given_s.items() if now_s - one_s < _WINDOW_S}
 
 
 class BusyError(Exception):
@@ -22,7 +62,10 @@ class BusyError(Exception):
 
 
 class LoginChecks:
-    """Each client has one check at most in the line of the one thread. Belongs to the server's loop."""
+    """Checks passwords one at a time, the clients in turn: a flood delays nothing but itself.
+
+    Each client has one check at most in the line of the one thread. Belongs to the server's loop.
+    """
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, "login", _step_back)

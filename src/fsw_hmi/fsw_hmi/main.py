@@ -7,37 +7,30 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import load
+
+#: parameters of the node that are options, too
+_OPTIONS = ("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts")
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    standard = defaults(load("fsw_hmi", "hmi.yaml"))
     whole = argparse.ArgumentParser(
         prog="run_hmi.py",
         description="Serve the operator's page of the weld that runs, or with --bag of welds that were recorded. "
         "Further parameters of the node go after --ros-args.",
     )
-    whole.add_argument("--host", help=f"address to listen on (default: {standard['host']})")
-    whole.add_argument("--port", type=int, help=f"port, 0: any free one (default: {standard['port']})")
-    whole.add_argument(
-        "--token-file", type=Path, metavar="FILE", help="holds the token for commands (default: a new one is printed)"
-    )
-    whole.add_argument(
-        "--users-file", type=Path, metavar="FILE", help="named users who may command; made by 'fsw.py hmi user'"
-    )
-    whole.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate (PEM): encrypt; needs --tls-key")
-    whole.add_argument(
-        "--tls-key", type=Path, metavar="FILE", help="its private key (PEM), which its owner alone may read"
-    )
-    whole.add_argument(
-        "--allow-host",
-        action="append",
-        metavar="NAME",
-        help="further name or address under which browsers ask for the page; several times",
-    )
+    specs = load("fsw_hmi", "hmi.yaml")
+    kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
+    for name in _OPTIONS:
+        default = f" (default: {specs[name].default})" if specs[name].default else ""
+        flag = f"--{name.removesuffix('s').replace('_', '-')}"
+        whole.add_argument(
+            flag, dest=name, metavar="VALUE", help=specs[name].description + default, **kinds.get(name, {})
+        )
     whole.add_argument(
         "--bag", action="append", type=Path, metavar="BAG", help="show this recorded weld; twice: compare two"
     )
@@ -56,8 +49,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if parsed.bag:
         from fsw_hmi.bag_app import serve
 
-        tls = str(parsed.tls_cert or ""), str(parsed.tls_key or "")
-        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [], tls)
+        tls = parsed.tls_cert or "", parsed.tls_key or ""
+        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_hosts or [], tls)
     from fsw_control.node_main_ros import run
     from fsw_hmi.hmi_node import HmiNode
 
@@ -66,15 +59,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
-    given = {"host": parsed.host, "port": parsed.port, "allow_hosts": parsed.allow_host}
-    for name in ("token_file", "users_file", "tls_cert", "tls_key"):
-        path = getattr(parsed, name)
-        given[name] = None if path is None else str(path.absolute())
-    words = ["--ros-args"]
-    for name, value in given.items():
-        if value is not None:
-            words += ["-p", f"{name}:={json.dumps(value)}"]
-    return words
+    given = {name: json.dumps(value) for name in _OPTIONS if (value := getattr(parsed, name)) is not None}
+    return ["--ros-args", *(word for name, value in given.items() for word in ("-p", f"{name}:={value}"))]
 
 
 if __name__ == "__main__":

@@ -77,49 +77,35 @@ class Orders:
     def carry_out(self, action: Action, answer: Answer, timeout_s: float) -> None:
         """Begin an action of the graph's services; ``answer`` gets outcome and words; of a safe stop
         that is answered late twice."""
-        if isinstance(action, SafeStop):
-            self._ask_mode(SAFE_STOP, None, None, answer, timeout_s)
-        elif isinstance(action, AcknowledgeStop):
-            self._call(self._acknowledge, "supervisor", Trigger.Request(), answer, timeout_s)
-        elif isinstance(action, ChangeMode):
-            self._ask_mode(action.mode, action.force_kn, action.speed_rpm, answer, timeout_s)
-        elif isinstance(action, Switch):
-            seconds = int(action.wait_s)
-            request = SwitchController.Request(
-                name=action.controller,
-                strictness=SwitchController.Request.BEST_EFFORT,
-                timeout=Duration(sec=seconds, nanosec=round((action.wait_s - seconds) * 1e9)),
-            )
-            self._call(self._switch, "supervisor", request, answer, timeout_s + action.wait_s)
-        elif isinstance(action, SetReference):
-            wanted = srv.SetReference.Request(
-                depth=units.m_from_mm(action.depth_mm), temperature=action.temperature_c, ramp=action.ramp
-            )
-            self._call(self._set_reference, "supervisor", wanted, answer, timeout_s)
-        elif isinstance(action, Programme):
-            self._call(self._weld[action.action], "programme", Trigger.Request(), answer, timeout_s)
-        elif isinstance(action, Disturb):
-            self._call(self._disturb, "emulated plant", _disturbance(action), answer, timeout_s)
-        elif isinstance(action, Fail):
-            self._call(self._fail, "emulated plant", _fault(action), answer, timeout_s)
-        else:
-            raise TypeError(f"{action!r} is not for the graph")
-
-    def _ask_mode(
-        self, mode: str, force_kn: float | None, speed_rpm: float | None, answer: Answer, timeout_s: float
-    ) -> None:
-        request = SetMode.Request(
-            mode=mode,
-            axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
-            spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
-        )
-        self._call(self._set_mode, "supervisor", request, answer, timeout_s, repeat=mode == SAFE_STOP)
-
-    def _call(
-        self, client: Client, offered_by: str, request: Any, answer: Answer, timeout_s: float, repeat: bool = False
-    ) -> None:
-        self._calls.append(_Call(client, offered_by, request, answer, time.monotonic() + timeout_s, repeat))
+        client, offered_by, request = self._request(action)
+        repeat = isinstance(request, SetMode.Request) and request.mode == SAFE_STOP
+        due_s = time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)
+        self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
         self.look()
+
+    def _request(self, action: Action) -> tuple[Client, str, Any]:
+        """Whom an action asks: the service, what offers it, and the request."""
+        match action:
+            case SafeStop():
+                return self._set_mode, "supervisor", _mode(SAFE_STOP)
+            case ChangeMode():
+                return self._set_mode, "supervisor", _mode(action.mode, action.force_kn, action.speed_rpm)
+            case AcknowledgeStop():
+                return self._acknowledge, "supervisor", Trigger.Request()
+            case Switch():
+                return self._switch, "supervisor", _switch(action)
+            case SetReference():
+                wanted = srv.SetReference.Request(
+                    depth=units.m_from_mm(action.depth_mm), temperature=action.temperature_c, ramp=action.ramp
+                )
+                return self._set_reference, "supervisor", wanted
+            case Programme():
+                return self._weld[action.action], "programme", Trigger.Request()
+            case Disturb():
+                return self._disturb, "emulated plant", _disturbance(action)
+            case Fail():
+                return self._fail, "emulated plant", _fault(action)
+        raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:
         """Send requests whose service was not there yet, and time out the others."""
@@ -167,6 +153,21 @@ class Orders:
         if call.future is not None:
             future, call.future = call.future, None
             call.client.remove_pending_request(future)
+
+
+def _mode(mode: str, force_kn: float | None = None, speed_rpm: float | None = None) -> SetMode.Request:
+    return SetMode.Request(
+        mode=mode,
+        axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
+        spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
+    )
+
+
+def _switch(action: Switch) -> SwitchController.Request:
+    seconds = int(action.wait_s)
+    wait = Duration(sec=seconds, nanosec=round((action.wait_s - seconds) * 1e9))
+    best_effort = SwitchController.Request.BEST_EFFORT
+    return SwitchController.Request(name=action.controller, strictness=best_effort, timeout=wait)
 
 
 def _disturbance(action: Disturb) -> SetDisturbance.Request:

@@ -1,10 +1,8 @@
-"""What is not even asked for: requests that would trip an interlock, or change nothing."""
+"""What is not even asked for: requests that would trip an interlock, or change nothing. The rest the graph decides."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import nan
 from typing import Any
 
 from fsw_hmi.limits import beyond_trip
@@ -13,45 +11,31 @@ from fsw_hmi.requests import AcknowledgeStop, Action, ChangeMode, SetReference, 
 _SAME = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
-    """What is known of the weld now; what is outdated is left out.
+def why_not(
+    action: Action,
+    state: Mapping[str, Any] | None,
+    in_force: tuple[float, float] | None,
+    interlocks: Mapping[str, float],
+) -> str:
+    """Why an action is refused before it is sent; empty if it is not. A safe stop never is.
 
-    Attributes
+    Parameters
     ----------
-    state, progress : mapping or None
-        As the page gets them.
-    depth_mm, temperature_c : float
-        Set-points in force, NaN where unknown or others are to come.
+    action : Action
+    state : mapping or None
+        The supervisor's, as the page gets it; None where it is not known now.
+    in_force : tuple of float or None
+        Set-points in mm and degC; None where they are not known, or others are to come.
     interlocks : mapping of str to float
         Parameters of the supervisor.
     """
-
-    state: Mapping[str, Any] | None = None
-    progress: Mapping[str, Any] | None = None
-    depth_mm: float = nan
-    temperature_c: float = nan
-    interlocks: Mapping[str, float] = field(default_factory=dict)
-
-
-def why_not(action: Action, known: Known) -> str:
-    """Why an action is refused before it is sent; empty if it is not. A safe stop never is."""
     if isinstance(action, SetReference):
-        return _set_points(action, known)
-    return _supervisor(action, known.state) if known.state is not None else ""
-
-
-def _set_points(action: SetReference, known: Known) -> str:
-    progress = known.progress
-    if progress is not None and progress["state"] == "running" and not progress["left"]:
-        return "the programme of the weld runs and would override it: hold the programme first"
-    off = abs(action.depth_mm - known.depth_mm), abs(action.temperature_c - known.temperature_c)
-    if all(one <= _SAME for one in off):
-        return "these set-points are in force already"
-    return beyond_trip({"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}, known.interlocks)
-
-
-def _supervisor(action: Action, state: Mapping[str, Any]) -> str:
+        wanted = action.depth_mm, action.temperature_c
+        if in_force and all(abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)):
+            return "these set-points are in force already"
+        return beyond_trip({"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}, interlocks)
+    if state is None:
+        return ""
     mode, commanding = state["actual_mode"], state["actual_controller"]
     nominal = mode == state["target_mode"] == "auto" and commanding == state["target_controller"]
     if isinstance(action, Switch) and nominal and action.controller == commanding:

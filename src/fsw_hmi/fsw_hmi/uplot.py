@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import os
 import sys
 import threading
 from pathlib import Path
 
 from fsw_hmi import npm
+from fsw_schema.files import user_cache
 
 #: what a page asks for
 FILES = ("uPlot.iife.min.js", "uPlot.min.css")
@@ -19,8 +19,7 @@ _LOOK_S = 0.05
 def folder() -> Path:
     """Where it is installed for this user; a folder for each version of the lock."""
     lock = (npm.OWN / "package-lock.json").read_bytes()
-    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    return Path(cache) / "fsw_hmi" / hashlib.sha256(lock).hexdigest()[:12]
+    return user_cache("fsw_hmi") / hashlib.sha256(lock).hexdigest()[:12]
 
 
 def install() -> Path:

@@ -1,4 +1,4 @@
-"""Named users: their file with salted hashes of their passwords, and the check of a password."""
+"""Named users: their file with salted hashes of their passwords, and the check of a password; or one token for all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import hmac
 import os
 import re
 import secrets
-import tempfile
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence, Set
 from pathlib import Path
@@ -18,6 +17,7 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.private_file import read_private
+from fsw_schema.files import replacing
 from fsw_schema.models import InputError, Model, content_of, validate
 
 #: each may what those before it may
@@ -26,6 +26,7 @@ Role = Literal["view", "operate", "engineer"]
 #: Only what looks different is different: no letters of other alphabets, no spaces; upper and lower case are the same.
 NAME_RULE = "ASCII letters, digits and . _ -, a letter or digit first, at most 32"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
+#: of passwords and tokens: 12 random digits last 15 years at 1000 trials a second
 SHORTEST, LONGEST = 12, 128
 _LONGEST_BYTES = 1_000_000
 #: cost of scrypt as OWASP recommends it for 16 MiB: 2^14 blocks of 8 * 128 bytes, five times
@@ -167,6 +168,28 @@ def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> Use
     return validate(User, {"name": name, "role": role, "password": hashed}, "user")
 
 
+def new_token() -> str:
+    """A token for one run."""
+    return secrets.token_urlsafe(12)
+
+
+def read_token(path: Path) -> str:
+    """The token in a file.
+
+    Raises
+    ------
+    ValueError
+        When the file cannot be read or is empty, or others may read or change the file; the message says what to do.
+    """
+    try:
+        token = read_private("token_file", path, 4096).decode().strip()
+    except UnicodeDecodeError:
+        raise ValueError(f"token_file: {path} is no text") from None
+    if len(token) < SHORTEST or "\n" in token:
+        raise ValueError(f"token_file: {path} must hold one line of at least {SHORTEST} characters")
+    return token
+
+
 def read(path: Path) -> list[User]:
     """The users in a file.
 
@@ -201,17 +224,11 @@ def read(path: Path) -> list[User]:
 
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with open(handle, "w", encoding="utf-8") as file:
-            for user in users:  # each in a line
-                yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
+    with replacing(path, 0o600) as scratch, scratch.open("w", encoding="utf-8") as file:
+        for user in users:  # each in a line
+            yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _bytes(password: str) -> bytes:

@@ -20,7 +20,7 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi import reports_ros
 from fsw_hmi.alarm_rules import NO_REPORT_S, Part
-from fsw_hmi.frames import readable
+from fsw_hmi.frames import COLUMNS, readable
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
 
@@ -64,8 +64,8 @@ class Watch:
         Signature of the leading supervisor.
     sensor_reasons : dict of str to str
         What the supervisor says of each sensor.
-    row : Row or None
-        The newest one.
+    values : dict of str to float
+        The newest row by column; empty before the first.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Watch:
         self.state_s = self.progress_s = float("-inf")
         self.leader = ""
         self.sensor_reasons: dict[str, str] = {}
-        self.row: Row | None = None
+        self.values: dict[str, float] = {}
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
@@ -116,7 +116,7 @@ class Watch:
 
     def _take(self, rows: list[Row], restarted: bool = False) -> None:
         if rows:
-            self.row = rows[-1]
+            self.values = dict(zip(COLUMNS[1:], rows[-1].values, strict=True))
         if rows or restarted:
             self._on_rows(rows, restarted)
 

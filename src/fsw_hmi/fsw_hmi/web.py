@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,66 +13,26 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control import REFUSED, TIMED_OUT, Session
-from fsw_hmi.control_room import ControlRoom, Verdict
+from fsw_hmi.control import TIMED_OUT
+from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
-from fsw_hmi.hub import Client, Hub
+from fsw_hmi.hub import Hub, Page
 from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
 from fsw_hmi.security import client_of
 
-BEAT_S = 0.25
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
 _MARGIN_S = 2.0
-_KEPT_ACTIONS = 50
-#: requests of one page that wait for the graph; a safe stop always may
-_MOST_PENDING = 20
 _STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """An action on its way to the graph, or what became of one that never got there.
-
-    Attributes
-    ----------
-    number : int
-        By which the outcome is reported; 0: only for the record.
-    who : str
-        Name and session.
-    asked : str
-        The action in words.
-    action : Action or None
-        None: only for the record.
-    outcome, message : str
-        For the record.
-    """
-
-    number: int
-    who: str
-    asked: str
-    action: Action | None = None
-    outcome: str = ""
-    message: str = ""
 
 
 @dataclass(slots=True)
 class _Pending:
-    page: _Page
+    page: Page
     ids: list[int]
     order: Order
     timer: asyncio.TimerHandle
-
-
-@dataclass(eq=False, slots=True)
-class _Page:
-    session: Session
-    client: Client
-    opened: int = 0
-    peer: Any = None
-    pending: int = 0
-    evicted: bool = False
 
 
 class LivePage:
@@ -110,11 +69,9 @@ class LivePage:
         self._checks: set[asyncio.Task[None]] = set()
         self._request_timeout_s, self._patience_s, self._max_pages = request_timeout_s, patience_s, max_pages
         self._hub = Hub()
-        self._pages: set[_Page] = set()
         self._hello: dict[str, Any] = {}
         self._pending: dict[int, _Pending] = {}
         self._orders = self._opened = 0
-        self._actions: deque[dict[str, Any]] = deque(maxlen=_KEPT_ACTIONS)
         self._tick_s: float | None = None
         self._closed = False
 
@@ -127,20 +84,17 @@ class LivePage:
     def set_hello(self, hello: Mapping[str, Any]) -> None:
         """Take the first frame of new pages; open pages are restarted with it."""
         self._hello = dict(hello)
-        for page in self._pages:
-            self._begin(page)
+        self._begin(*self._hub.pages)
 
     def forget(self) -> None:
         """Another weld begins."""
         self._hub.forget()
-        for page in self._pages:
-            self._begin(page)
+        self._begin(*self._hub.pages)
 
-    def restore(self, rows: list[str], actions: list[dict[str, Any]]) -> None:
-        """Go on with rows and actions of a server before; to be called before the first page."""
+    def restore(self, rows: list[str]) -> None:
+        """Go on with the rows of a server before; to be called before the first page."""
         for row in rows:
             self._hub.history.add(row)
-        self._actions.extend(actions)
 
     def tick(self, row: str, text: str | None, came_s: float) -> None:
         """Take an encoded row and its frame (None: not sent); ``came_s`` on ``time.monotonic``."""
@@ -157,25 +111,21 @@ class LivePage:
         if pending is None:
             return
         pending.timer.cancel()
-        pending.page.pending -= 1
         for request in pending.ids:
-            self._answer(pending.page, request, outcome, message)
-        self._record(pending.order.who, pending.order.asked, outcome, message)
+            pending.page.answer(_answer(request, outcome, message))
 
-    async def beat(self) -> None:
-        """Tell all pages four times a second that the server is alive, for as long as it is."""
-        while True:
-            self._look_at_control()
-            age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
-            self._hub.show("beat", frame("beat", {"server_s": _now_s(), "tick_age_s": age_s}), keep=False)
-            for page in self._pages:
-                page.client.give_up_if_stuck(self._patience_s)
-            await asyncio.sleep(BEAT_S)
+    def beat(self) -> None:
+        """Tell all pages that the server is alive; to be called several times a second."""
+        self._look_at_control()
+        age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
+        self._hub.show("beat", frame("beat", {"server_s": _now_s(), "tick_age_s": age_s}), keep=False)
+        for page in self._hub.pages:
+            page.give_up_if_stuck(self._patience_s)
 
     def _look_at_control(self) -> None:
         changed, records = self._room.tick(time.monotonic())
         for one in records:
-            self._report(*one)
+            self._deliver(one)
         if changed:
             self._show_control()
 
@@ -196,30 +146,27 @@ class LivePage:
         That is the oldest that nobody has ever touched, else the one that has not been touched for longest; only then
         one at which somebody has logged in, and never the one in control.
         """
-        pages = [page for page in self._pages if page.session.client == client and not page.evicted]
+        pages = [page for page in self._hub.pages if page.session.client == client and not page.evicted]
         if len(pages) < self._max_pages:
             return
         idle = [page for page in pages if page.session is not self._room.holder]
-        first = min(idle, key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.opened))
+        first = min(idle, key=lambda one: (bool(one.session.name), one.session.touched_s or 0.0, one.number))
         first.evicted = True
-        first.client.given_up.set()
+        first.given_up.set()
 
     async def _serve(self, socket: WebSocket, address: str) -> None:
         self._make_room(client_of(address))
         self._opened += 1
-        page = _Page(self._room.join(address), Client(), self._opened, socket.client)
-        self._pages.add(page)
-        self._hub.clients.add(page.client)
+        page = Page(self._room.join(address), socket.client, self._opened)
+        self._hub.pages.add(page)
         self._begin(page)
         jobs = [
-            asyncio.create_task(job)
-            for job in (_send(socket, page.client), self._listen(socket, page), page.client.given_up.wait())
+            asyncio.create_task(job) for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
         ]
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._pages.discard(page)
-            self._hub.clients.discard(page.client)
+            self._hub.pages.discard(page)
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
@@ -228,23 +175,21 @@ class LivePage:
             if page.evicted:
                 await socket.close(_TRY_LATER, f"more than {self._max_pages} pages are open on this computer")
 
-    def _begin(self, page: _Page) -> None:
-        hello = {
-            "build": self._files.build,
-            "source": "live",
-            "server_s": _now_s(),
-            "session": page.session.id,
-            "login": self._room.login,
-            "columns": COLUMNS,
-            **self._hello,
-        }
-        latest = self._hub.latest() | {
-            "control": self._control(page),
-            "actions": frame("actions", {"actions": list(self._actions)}),
-        }
-        page.client.begin(frame("hello", hello), latest, self._hub.history.frames())
+    def _begin(self, *pages: Page) -> None:
+        for page in pages:
+            hello = {
+                "build": self._files.build,
+                "source": "live",
+                "server_s": _now_s(),
+                "session": page.session.id,
+                "login": self._room.login,
+                "columns": COLUMNS,
+                **self._hello,
+            }
+            latest = self._hub.latest | {"control": self._control(page)}
+            page.begin(frame("hello", hello), latest, self._hub.history.frames())
 
-    async def _listen(self, socket: WebSocket, page: _Page) -> None:
+    async def _listen(self, socket: WebSocket, page: Page) -> None:
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
@@ -262,7 +207,7 @@ class LivePage:
             else:
                 self._carry_out(page, verdict)
 
-    async def _check(self, page: _Page, request: int, credentials: tuple[str, str]) -> None:
+    async def _check(self, page: Page, request: int, credentials: tuple[str, str]) -> None:
         """Have a password checked; meanwhile the page's other requests, a safe stop above all, go on."""
         room, session = self._room, page.session
         try:
@@ -271,10 +216,10 @@ class LivePage:
             verdict = room.on_busy(session, request)
         else:
             verdict = room.on_checked(session, request, credentials, user, time.monotonic())
-        if page in self._pages:
+        if page in self._hub.pages:
             self._carry_out(page, verdict)
             if verdict.close:
-                page.client.given_up.set()
+                page.given_up.set()
 
     def end(self) -> None:
         """The server is about to close all pages."""
@@ -285,7 +230,7 @@ class LivePage:
         self._logins.close()
         self._look_at_control()
 
-    def _carry_out(self, page: _Page, verdict: Verdict) -> None:
+    def _carry_out(self, page: Page, verdict: Verdict) -> None:
         session = page.session
         if session.name:
             self._know(page.peer)
@@ -295,54 +240,36 @@ class LivePage:
             self._order(page, verdict.id, verdict.action, verdict.asked)
             return
         if verdict.id is not None:
-            self._answer(page, verdict.id, verdict.outcome, verdict.message)
+            page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
         if verdict.asked:
-            self._report(session.who, verdict.asked, verdict.outcome, verdict.message)
+            self._deliver(Order(session.who, verdict.asked, verdict.outcome, verdict.message))
 
-    def _report(self, who: str, asked: str, outcome: str, message: str) -> None:
-        """Record what never gets to the graph."""
-        self._record(who, asked, outcome, message)
-        self._deliver(Order(0, who, asked, outcome=outcome, message=message))
-
-    def _order(self, page: _Page, request: int, action: Action, asked: str) -> None:
+    def _order(self, page: Page, request: int, action: Action, asked: str) -> None:
         if isinstance(action, SafeStop):
             for under_way in self._pending.values():
                 if under_way.page is page and under_way.order.action == action:
                     under_way.ids.append(request)  # the graph is asked once
                     return
-        elif page.pending >= _MOST_PENDING:
-            self._answer(page, request, REFUSED, "too many requests wait for an answer")
-            return
         self._orders += 1
-        order = Order(self._orders, page.session.who, asked, action)
+        order = Order(page.session.who, asked, action=action, number=self._orders)
         wait_s = self._request_timeout_s + _MARGIN_S + (action.wait_s if isinstance(action, Switch) else 0.0)
         timer = asyncio.get_running_loop().call_later(
             wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")
         )
-        page.pending += 1
         self._pending[order.number] = _Pending(page, [request], order, timer)
         self._deliver(order)
 
-    def _answer(self, page: _Page, request: int, outcome: str, message: str) -> None:
-        page.client.answer(_answer(request, outcome, message))
-
-    def _record(self, who: str, asked: str, outcome: str, message: str) -> None:
-        self._actions.append(
-            {"server_s": _now_s(), "who": who, "action": asked, "outcome": outcome, "message": message}
-        )
-        self._hub.show("actions", frame("actions", {"actions": list(self._actions)}), keep=False)
-
     def _show_control(self) -> None:
-        for page in self._pages:
-            page.client.show("control", self._control(page))
+        for page in self._hub.pages:
+            page.show("control", self._control(page))
 
-    def _control(self, page: _Page) -> str:
+    def _control(self, page: Page) -> str:
         return frame("control", self._room.control(page.session, time.monotonic()))
 
 
-async def _send(socket: WebSocket, client: Client) -> None:
+async def _send(socket: WebSocket, page: Page) -> None:
     while True:
-        await socket.send_text(await client.next())
+        await socket.send_text(await page.next())
 
 
 def _answer(request: int, outcome: str, message: str) -> str:

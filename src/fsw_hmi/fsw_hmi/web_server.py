@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import ssl
+import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import uvicorn
@@ -17,6 +19,7 @@ from starlette.types import ASGIApp
 
 from fsw_hmi.gate import Gate
 from fsw_hmi.security import Security, is_loopback
+from fsw_hmi.web import LivePage
 
 #: hosts by which this computer calls itself
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
@@ -24,6 +27,8 @@ LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 MAX_FRAME_BYTES = 4096
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
 _SEND_BUFFER_BYTES = 65536
+#: for the end of the server's thread
+_PATIENCE_S = 5.0
 
 
 class Listening(socket.socket):
@@ -97,19 +102,25 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
 
 
 class _Server(uvicorn.Server):
-    """Closes, ten times a second, connections that have sent no whole request in time; uvicorn waits for ever."""
+    """Closes connections that have sent no whole request in time, for which uvicorn waits for ever; and lets
+    something be done five times a second."""
 
-    def __init__(self, config: uvicorn.Config, gate: Gate) -> None:
+    def __init__(self, config: uvicorn.Config, gate: Gate, beat: Callable[[], object]) -> None:
         super().__init__(config)
-        self._gate = gate
+        self._gate, self._beat = gate, beat
 
     async def on_tick(self, counter: int) -> bool:
+        """Called ten times a second by uvicorn."""
         self._gate.sweep(time.monotonic())
+        if counter % 2 == 0:
+            self._beat()
         return await super().on_tick(counter)
 
 
-def server(app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None) -> uvicorn.Server:
-    """Make the server; to be run with ``serve(sockets=[listen(...)])``."""
+def server(
+    app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None, beat: Callable[[], object] = lambda: None
+) -> uvicorn.Server:
+    """Make the server; to be run with ``serve(sockets=[listen(...)])``. ``beat`` is called five times a second."""
     config = uvicorn.Config(
         app,
         http="h11",
@@ -127,4 +138,52 @@ def server(app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None) ->
         server_header=False,
         ssl_context_factory=None if encrypted is None else lambda _config, _default: encrypted,
     )
-    return _Server(config, gate)
+    return _Server(config, gate, beat)
+
+
+class WebThread:
+    """The live page's server in a thread of its own.
+
+    Parameters
+    ----------
+    page : LivePage
+    app : ASGI application
+        With the routes of the page.
+    listening : Listening
+    encrypted : ssl.SSLContext, optional
+    """
+
+    def __init__(
+        self, page: LivePage, app: ASGIApp, listening: Listening, encrypted: ssl.SSLContext | None = None
+    ) -> None:
+        self._page, self._listening = page, listening
+        self._server = server(app, listening.gate, encrypted, page.beat)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+
+    def start(self) -> None:
+        """Serve from now on."""
+        self._thread.start()
+
+    def call(self, function: Callable[[], None]) -> None:
+        """Let a function run in the server's loop; may be called in any thread."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the server runs."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """Close all pages and end."""
+        self.call(self._page.end)
+        self._server.should_exit = True
+        self._thread.join(_PATIENCE_S)
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            try:
+                runner.run(self._server.serve(sockets=[self._listening]))
+            finally:
+                self._page.close()

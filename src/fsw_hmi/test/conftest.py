@@ -12,8 +12,7 @@ from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web import LivePage
-from fsw_hmi.web_server import address, application, listen
-from fsw_hmi.web_thread import WebThread
+from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id
 from fsw_test_support.uplot import uplot
@@ -30,7 +29,7 @@ class Server:
         self.files = PageFiles("live", folder)
         self.orders, self.logins = queue.Queue(), queue.Queue()
         settings = {"request_timeout_s": 30.0, "patience_s": 30.0, "max_pages": 100} | options
-        room = ControlRoom(settings.pop("key", TOKEN), settings.pop("rules", None))
+        room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted, request_s = settings.pop("encrypted", None), settings.pop("request_s", 10.0)
         listening = listen("127.0.0.1", 0, settings["patience_s"])
         self.gate = listening.gate = Gate(request_s=request_s)

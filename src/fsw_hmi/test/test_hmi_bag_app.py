@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock")
 
 from fsw_hmi import bag_app
-from fsw_hmi.bag_app import BagPage
+from fsw_hmi.bag_app import routes
 from fsw_hmi.bag_view import load
 from fsw_hmi.gate import Gate
 from fsw_hmi.main import main
@@ -42,7 +42,7 @@ def page(tmp_path: Path) -> PageFiles:
 def get(tmp_path: Path, page: PageFiles) -> Get:
     """Asks the application for a path; returns status, headers and body."""
     write_sample_weld(tmp_path / "weld", 50)
-    app = application(BagPage(page, load([tmp_path / "weld"])).routes(), [], Gate())
+    app = application(routes(page, load([tmp_path / "weld"])), [], Gate())
 
     def get(path: str, encoding: str = "gzip, br", host: str = "localhost:8080") -> tuple[int, dict[str, str], bytes]:
         sent: list[Any] = []

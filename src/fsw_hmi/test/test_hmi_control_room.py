@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
 from fsw_hmi.control import DONE, REFUSED
-from fsw_hmi.control_room import ControlRoom, Rules
+from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.requests import (
     Acknowledge,
     AcknowledgeStop,
@@ -144,7 +144,7 @@ def test_pages_that_log_in_again_with_an_old_token_shut_nobody_out(room):
 def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
     assert Desk(room, address=HERE).ask("safe_stop").asked == "safe stop"
     assert Desk(room, address=THERE).ask("safe_stop").message == "log in first"
-    assert Desk(ControlRoom(TOKEN, Rules(local_stop=False)), address=HERE).ask("safe_stop").message == "log in first"
+    assert Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").message == "log in first"
 
 
 class Misuse(RuleBasedStateMachine):

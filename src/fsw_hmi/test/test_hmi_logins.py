@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from fsw_hmi.control_room import Rules
 from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.users import Users, new_user
 from fsw_test_support.page_client import PATIENCE_S
@@ -160,7 +159,7 @@ def test_too_many_wrong_passwords_cost_the_connection_after_the_answer(make_serv
 @pytest.mark.requirement("S18")
 def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server, users):
     users.go_on.release(100)
-    server = make_server(key=users, rules=Rules(handover_timeout_s=3600.0))
+    server = make_server(key=users, rules={"handover_timeout_s": 3600.0})
     with server.open() as otto, server.open() as olga:
         otto.command(PASSWORD, "otto")
         assert server.next_order().asked == "take control"
@@ -183,7 +182,7 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
 @pytest.mark.slow
 def test_idle_page_is_told_and_recorded(make_server, users):
     users.go_on.release(100)
-    server = make_server(key=users, rules=Rules(idle_timeout_s=2.0))
+    server = make_server(key=users, rules={"idle_timeout_s": 2.0})
     with server.open() as otto:
         otto.command(PASSWORD, "otto")
         server.next_order()

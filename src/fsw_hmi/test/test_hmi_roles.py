@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
-from fsw_hmi.control_room import ControlRoom, Rules
+from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.requests import ACTIONS, SafeStop
 from fsw_hmi.users import ROLES, Users, new_user
 
@@ -68,7 +68,7 @@ class Place:
 class Hall:
     def __init__(self, **rules):
         self.now_s = 1000.0
-        self.room = ControlRoom(named_users(), Rules(**rules))
+        self.room = ControlRoom(named_users(), **rules)
 
 
 @pytest.fixture
@@ -217,7 +217,7 @@ def test_same_person_takes_control_along_to_another_page(hall):
     first.take()
     assert stranger.take().outcome == REFUSED
     assert second.take().message == f"control taken from {first.session.who}, the same person"
-    token = ControlRoom("a token of some length", Rules())
+    token = ControlRoom("a token of some length")
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
         token.handle(page, json.dumps({"id": 1, "do": "login", "name": "otto", "token": "a token of some length"}), 0.0)
@@ -235,7 +235,7 @@ def test_idle_page_gives_control_back_and_still_stops():
     hall.now_s += 10.0
     changed, records = hall.room.tick(hall.now_s)
     why = "nobody has touched the page for 10 min"
-    assert (changed, records) == (True, [(otto.session.who, "lose control", DONE, why)])
+    assert (changed, records) == (True, [Order(otto.session.who, "lose control", DONE, why)])
     assert hall.room.tick(hall.now_s) == (False, [])
     assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
     assert otto.control["note"] == f"{why}: log in again to command"
@@ -250,13 +250,13 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     hall.room.leave(otto.session)
-    assert hall.room.tick(hall.now_s)[1] == [(otto.session.who, "lose control", DONE, "the page was closed")]
+    assert hall.room.tick(hall.now_s)[1] == [Order(otto.session.who, "lose control", DONE, "the page was closed")]
     assert olga.control["note"] == "otto has lost control: the page was closed"
     olga.take()
     assert olga.control["note"] == ""
     olga.log_in("egon")
     why = "egon has logged in there"
-    assert hall.room.tick(hall.now_s)[1] == [(f"olga ({olga.session.id})", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s)[1] == [Order(f"olga ({olga.session.id})", "lose control", DONE, why)]
     olga.take()
     olga.ask("release_control")
     assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", (False, []))
@@ -265,7 +265,7 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
 def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
     hall.room.restart("otto (3f2a)")
     why = "the page's server was started again"
-    assert hall.room.tick(hall.now_s)[1] == [("otto (3f2a)", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s)[1] == [Order("otto (3f2a)", "lose control", DONE, why)]
     olga = Place(hall, "olga")
     assert (olga.control["holder"], olga.control["note"]) == (None, f"otto (3f2a) has lost control: {why}")
     assert olga.take().outcome == DONE
@@ -279,7 +279,7 @@ def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
         stranger.log_in(name, password)
     recorded = hall.room.tick(hall.now_s)[1]
-    assert [(one.who.split(" (")[0], one.what, one.outcome) for one in recorded] == [
+    assert [(one.who.split(" (")[0], one.asked, one.outcome) for one in recorded] == [
         ("otto", "log in", REFUSED),
         ("unknown name", "log in", REFUSED),
     ]

@@ -53,49 +53,25 @@ Progress = Callable[[], None]
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """An estimate.
+    """An estimate."""
 
-    Attributes
-    ----------
-    parameters : ModelParameters
-        Those that were not estimated are as they were given.
-    free : tuple of str
-        Names of the estimated parameters.
-    covariance : (n, n) array
-        Of the logarithms of the estimated parameters, i.e. of their relative errors.
-    kept : dict of str to str
-        By name, why a candidate was not estimated but kept nominal.
-    noise : (3,) array
-        Standard deviations of the residuals in the order of ``OUTPUTS``.
-    colour : (3,) array
-        By how much the variance of a mean of the residuals exceeds that of white noise; 1 where they are white.
-    segments : list of Segment
-    predicted, residuals : list of (n, 3) array
-        By segment; residuals are NaN where a sample was missing or left out.
-    disturbances : list of (n, 5) array
-        In the order of ``WALKS``, by segment.
-    offset, offset_std : (2,) array
-        Mean disturbance of the process and its standard deviation, kN and kW.
-    shifts : list of (Shift, float, float)
-        With size and standard deviation.
-    notes : list of str
-        What was left out, one line each.
-    """
-
-    parameters: ModelParameters
-    free: tuple[str, ...]
-    covariance: FloatArray
-    kept: dict[str, str]
-    noise: FloatArray
+    parameters: ModelParameters  #: those that were not estimated are as they were given
+    free: tuple[str, ...]  #: names of the estimated parameters
+    covariance: FloatArray  #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
+    kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
+    noise: FloatArray  #: (3,): standard deviations of the residuals in the order of ``OUTPUTS``
+    #: (3,): by how much the variance of a mean of the residuals exceeds that of white noise; 1 where they are white
     colour: FloatArray
     segments: list[Segment]
+    #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
     predicted: list[FloatArray]
     residuals: list[FloatArray]
-    disturbances: list[FloatArray]
+    disturbances: list[FloatArray]  #: (n, 5), in the order of ``WALKS``, by segment
+    #: (2,): mean disturbance of the process and its standard deviation, kN and kW
     offset: FloatArray
     offset_std: FloatArray
-    shifts: list[tuple[Shift, float, float]]
-    notes: list[str]
+    shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
+    notes: list[str]  #: what was left out, one line each
 
     @property
     def std(self) -> dict[str, float]:

@@ -53,20 +53,13 @@ _CONVERGED = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """A sudden change of an output that the model does not explain, which stays.
+    """A sudden change of an output that the model does not explain, which stays."""
 
-    Attributes
-    ----------
-    segment, output : int
-        Where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the torque, beyond what the
-        torque by itself would give (all of it, less, when the sensor is wrong).
-    tick : int
-        First row of the segment that is shifted.
-    """
-
+    #: where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the torque, beyond what the
+    #: torque by itself would give (all of it, less, when the sensor is wrong)
     segment: int
     output: int
-    tick: int
+    tick: int  #: first row of the segment that is shifted
 
 
 class Evaluation(NamedTuple):

@@ -110,20 +110,12 @@ def _mapped(n_ticks: int) -> ca.Function:
 
 
 class Course(NamedTuple):
-    """The model's prediction for a segment of n ticks.
+    """The model's prediction for a segment of n ticks."""
 
-    Attributes
-    ----------
-    outputs : (n, 3) array
-        In the order of ``OUTPUTS``.
-    by_candidate : (n, 3, len(CANDIDATES)) array
-        Derivatives by the parameters.
-    by_nuisance : (n, 3, m) array
-        Derivatives by ``START``, by the knots of the disturbances of force [kN], then of power [kW], and by ``added``.
-    """
-
-    outputs: FloatArray
-    by_candidate: FloatArray
+    outputs: FloatArray  #: (n, 3): in the order of ``OUTPUTS``
+    by_candidate: FloatArray  #: (n, 3, len(CANDIDATES)): derivatives by the parameters
+    #: (n, 3, m): derivatives by ``START``, by the knots of the disturbances of force [kN], then of power [kW], and by
+    #: ``added``
     by_nuisance: FloatArray
 
 

@@ -62,23 +62,12 @@ def long_run_factor(residuals: Sequence[FloatArray]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Statistics of the residuals of a fit.
+    """Statistics of the residuals of a fit."""
 
-    Attributes
-    ----------
-    fit_percent : tuple of 3 float
-        NRMSE of each output.
-    bound : float
-        Size that a correlation of white noise exceeds at one lag in a hundred.
-    auto : (3, LAGS) array
-        Autocorrelation of each output's residuals, from lag 1 on.
-    cross : (3, 2, 2 LAGS + 1) array
-        Correlation of each output's residuals with the changes of force and speed, from lag -LAGS on.
-    """
-
-    fit_percent: tuple[float, ...]
-    bound: float
-    auto: FloatArray
+    fit_percent: tuple[float, ...]  #: NRMSE of each output
+    bound: float  #: size that a correlation of white noise exceeds at one lag in a hundred
+    auto: FloatArray  #: (3, LAGS): autocorrelation of each output's residuals, from lag 1 on
+    #: (3, 2, 2 LAGS + 1): correlation of each output's residuals with the changes of force and speed, from lag -LAGS on
     cross: FloatArray
 
     def outside(self, output: int) -> tuple[float, float]:

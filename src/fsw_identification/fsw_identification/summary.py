@@ -24,24 +24,13 @@ _WHITE = 0.07
 
 @dataclass(frozen=True)
 class Summary:
-    """A fit and its statistics.
-
-    Attributes
-    ----------
-    sources : str
-    fit : Fit
-    validation : Fit or None
-        Of the validation weld, with the same parameters.
-    notes : tuple of str
-        Data that were excluded.
-    air : dict of str to float
-        Standard deviations of the friction's coefficients, if they were estimated.
-    """
+    """A fit and its statistics."""
 
     sources: str
     fit: Fit
-    validation: Fit | None = None
-    notes: tuple[str, ...] = ()
+    validation: Fit | None = None  #: of the validation weld, with the same parameters
+    notes: tuple[str, ...] = ()  #: data that were excluded
+    #: standard deviations of the friction's coefficients, if they were estimated
     air: dict[str, float] = field(default_factory=dict)
 
     @cached_property

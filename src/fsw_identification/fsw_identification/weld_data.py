@@ -33,24 +33,14 @@ class IdentificationError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A part of a weld without long gaps, one row per tick of 0.1 s.
+    """A part of a weld without long gaps, one row per tick of 0.1 s."""
 
-    Attributes
-    ----------
-    begin_s : float
-        Time of the first row since the first tick of the weld.
-    force_kn, speed_rpm : (n,) arrays
-        Means of the acting inputs over the step that begins at the row.
-    acceleration_rpm_per_s : (n,) array
-        Mean of the spindle over the step that ends at the row.
-    measured : (n, 3) array
-        Depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample that may be used.
-    """
-
-    begin_s: float
+    begin_s: float  #: time of the first row since the first tick of the weld
+    #: (n,): means of the acting inputs over the step that begins at the row
     force_kn: FloatArray
     speed_rpm: FloatArray
-    acceleration_rpm_per_s: FloatArray
+    acceleration_rpm_per_s: FloatArray  #: (n,): mean of the spindle over the step that ends at the row
+    #: (n, 3): depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample that may be used
     measured: FloatArray
 
     @property

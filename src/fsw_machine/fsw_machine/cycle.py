@@ -20,18 +20,12 @@ class CycleTracker:
 
     A server reports changes of a value only to subscribers, and chooses the sampling and publishing intervals itself.
     So it is polled, but only about when the counter is due.
-
-    Attributes
-    ----------
-    skipped, restarts : int
-        Cycles that were never seen, and times that the counter went back.
-    values : int
-        How many values the counter's type has: it begins again after the largest. A step by half of them or more
-        counts as back.
     """
 
     def __init__(self, period_s: float) -> None:
-        self.skipped = self.restarts = 0
+        self.skipped = self.restarts = 0  #: cycles that were never seen, and times that the counter went back
+        #: how many values the counter's type has: it begins again after the largest. A step by half of them or more
+        #: counts as back
         self.values = 1 << 64
         self._period_s = period_s
         self._counter: int | None = None

@@ -84,37 +84,23 @@ class Gateway:
     known whether a write has arrived, both possibilities count. A command that is up to ``_CATCH_UP`` moves away,
     because single ones before it were lost, is cut to one move; any other is refused. One that comes while a write is
     unanswered waits for the answer.
-
-    Attributes
-    ----------
-    gate : CommandGate
-        Counts all refusals.
-    stamps : Stamps
-    connected, permissive, joined : bool
-    samples : dict of str to Sample
-        Of the last read.
-    read : CycleRead or None
-        The last read.
-    ticks, paused, invalid : int
-        Ticks published, reads withheld to make a pause, and invalid values seen.
-    written, failed, cut : int
-        Commands written, those that the server has not taken, and those that were cut to one move.
-    last_failure : str
-        Why the server has not taken the last of these.
     """
 
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
+        #: counts all refusals
         self.gate = CommandGate(
             Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"], REASONS
         )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
-        self.samples: dict[str, Sample] = {}
-        self.read: CycleRead | None = None
+        self.samples: dict[str, Sample] = {}  #: of the last read
+        self.read: CycleRead | None = None  #: the last read
+        #: ticks published, reads withheld to make a pause, and invalid values seen
         self.ticks = self.paused = self.invalid = 0
+        #: commands written, those that the server has not taken, and those that were cut to one move
         self.written = self.failed = self.cut = 0
-        self.last_failure = ""
+        self.last_failure = ""  #: why the server has not taken the last of these
         self._counters: dict[int, int] = {}
         self._stamp_ns: int | None = None
         self._published_s = -inf

@@ -18,24 +18,12 @@ _SEVERITY_BITS = 30
 
 @dataclass(frozen=True, slots=True)
 class RawValue:
-    """A value as the server sent it.
+    """A value as the server sent it."""
 
-    Attributes
-    ----------
-    value : object
-        Of any type; None: no value.
-    status : int
-        OPC UA status code.
-    status_name : str
-        For messages.
-    source_ns : int or None
-        Source timestamp, on the server's clock.
-    """
-
-    value: object
-    status: int = 0
-    status_name: str = "Good"
-    source_ns: int | None = None
+    value: object  #: of any type; None: no value
+    status: int = 0  #: OPC UA status code
+    status_name: str = "Good"  #: for messages
+    source_ns: int | None = None  #: source timestamp, on the server's clock
 
     @property
     def good(self) -> bool:
@@ -52,27 +40,15 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CycleRead:
-    """The read that has shown a new value of the cycle counter.
-
-    Attributes
-    ----------
-    counter : int
-    values : mapping of str to RawValue
-        By the names of ``machine_file.READ``.
-    source_ns : int
-        Source timestamp of the counter.
-    read_s, read_ns : float, int
-        When the read was answered, on the local steady clock and on the local wall clock.
-    steps : int
-        Cycles since the counter value before; 0 at the first, and after it went back.
-    """
+    """The read that has shown a new value of the cycle counter."""
 
     counter: int
-    values: Mapping[str, RawValue]
-    source_ns: int
+    values: Mapping[str, RawValue]  #: by the names of ``machine_file.READ``
+    source_ns: int  #: source timestamp of the counter
+    #: when the read was answered, on the local steady clock and on the local wall clock
     read_s: float
     read_ns: int
-    steps: int
+    steps: int  #: cycles since the counter value before; 0 at the first, and after it went back
 
 
 def fault_of(raw: RawValue, spec: ReadNode, cycle_ns: int) -> str:

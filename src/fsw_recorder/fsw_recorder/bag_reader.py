@@ -66,12 +66,6 @@ class BagReader:
         A rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
         ``.mcap``, ``.db3``.
 
-    Attributes
-    ----------
-    problems : list of str
-        What is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power failure,
-        full disk) is read up to its end, damaged places are passed over.
-
     Raises
     ------
     BagError
@@ -80,6 +74,8 @@ class BagReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        #: what is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power
+        #: failure, full disk) is read up to its end, damaged places are passed over
         self.problems: list[str] = []
         self.metadata = BagMetadata()
         self._stack = ExitStack()
@@ -144,14 +140,8 @@ class BagReader:
     ) -> Iterator[BagRecord]:
         """Messages in order of log time (within each file of a split bag).
 
-        Parameters
-        ----------
-        topics : collection of str, optional
-            Only these.
-        start_ns, stop_ns : int
-            Only messages with ``start_ns`` <= log time < ``stop_ns``.
-        progress : callable, optional
-            Called now and then with the fraction read, 0 to 1.
+        Only those of ``topics``, by default all, with ``start_ns`` <= log time < ``stop_ns``. ``progress`` is called
+        now and then with the fraction read, 0 to 1.
         """
         for position, part in enumerate(self._parts):
             for count, record in enumerate(part.records(topics, start_ns, stop_ns)):

@@ -51,13 +51,6 @@ class BagWriter:
     custom_data : mapping of str to str, optional
         For ``metadata.yaml``.
 
-    Attributes
-    ----------
-    error : BagError or None
-        Why writing has failed. What was committed until then stays readable.
-    is_paused : bool
-        Messages are ignored while it is set.
-
     Raises
     ------
     BagError
@@ -70,8 +63,8 @@ class BagWriter:
         self.options = options or WriterOptions()
         self.folder = Path(os.path.abspath(folder))
         self.custom_data = dict(custom_data or {})
-        self.error: BagError | None = None
-        self.is_paused = False
+        self.error: BagError | None = None  #: why writing has failed. What was committed until then stays readable
+        self.is_paused = False  #: messages are ignored while it is set
         self._files = _Files(self.folder, self.options, self.custom_data)
         self._queue: deque[Queued | Callable[[], None] | Future[bool]] = deque()
         self._lock = threading.Lock()

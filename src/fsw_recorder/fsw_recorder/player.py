@@ -9,6 +9,7 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched
 from fsw_recorder.weld_clock import WeldClockReader
 
+#: as in ``replay.yaml``
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 
 
@@ -16,8 +17,8 @@ class Player:
     """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
 
     The caller closes the reader; its log times are the time that is played. The other arguments are parameters of the
-    replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or for an argument that
-    is out of range.
+    replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or the start is outside
+    the bag.
     """
 
     def __init__(
@@ -31,7 +32,6 @@ class Player:
         loop: bool = False,
         paused: bool = False,
     ) -> None:
-        check_rate(rate)
         self._reader = reader
         self._wanted = topics
         info = reader.info()
@@ -131,9 +131,3 @@ class Player:
 
     def _anchor(self, bag_time_ns: int, now_ns: int) -> None:
         self._anchor_bag_ns, self._anchor_now_ns = bag_time_ns, now_ns
-
-
-def check_rate(rate: float) -> None:
-    """Raise a `BagError` for a rate that is not positive, or absurd."""
-    if not MIN_RATE <= rate <= MAX_RATE:
-        raise BagError(f"rate {rate:g} is outside {MIN_RATE:g} to {MAX_RATE:g}")

@@ -15,27 +15,15 @@ from fsw_recorder.qos import profile
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """Description of a topic in a bag.
+    """Description of a topic in a bag."""
 
-    Attributes
-    ----------
-    name, type_name : str
-        E.g. ``/fsw/depth`` and ``fsw_msgs/msg/ShoulderDepth``.
-    definition : str
-        ``ros2msg`` text with all nested definitions; empty when unknown.
-    type_hash : str
-        ``RIHS01_...``; empty when unknown.
-    qos : tuple of Qos
-        Of the publishers.
-    encoding, definition_encoding : str
-        Of messages and definition.
-    """
-
+    #: e.g. ``/fsw/depth`` and ``fsw_msgs/msg/ShoulderDepth``
     name: str
     type_name: str
-    definition: str = ""
-    type_hash: str = ""
-    qos: tuple[Qos, ...] = (profile(),)
+    definition: str = ""  #: ``ros2msg`` text with all nested definitions; empty when unknown
+    type_hash: str = ""  #: ``RIHS01_...``; empty when unknown
+    qos: tuple[Qos, ...] = (profile(),)  #: of the publishers
+    #: of messages and definition
     encoding: str = "cdr"
     definition_encoding: str = "ros2msg"
 

@@ -91,7 +91,6 @@ def test_topics(reader: BagReader) -> None:
         Player(reader, 0, topics=frozenset(["/none"]))
 
 
-@pytest.mark.parametrize("options", [{"rate": 0.0}, {"rate": -1.0}, {"start_offset_s": 99.0}])
-def test_refusals(reader: BagReader, options: dict[str, float]) -> None:
+def test_a_start_outside_the_bag_is_refused(reader: BagReader) -> None:
     with pytest.raises(BagError, match="outside"):
-        Player(reader, 0, **options)  # type: ignore[arg-type]
+        Player(reader, 0, start_offset_s=99.0)

@@ -51,15 +51,7 @@ def plant_of(scenario: Scenario) -> PlantEmulator:
 
 
 class _Programme:
-    """The set-points by tick; on a canister the programme may be shortened by a phase that waits for a temperature.
-
-    Attributes
-    ----------
-    reference : Reference
-        Set-points in force.
-    plan : ReferencePlan or None
-        What is announced.
-    """
+    """The set-points by tick; on a canister the programme may be shortened by a phase that waits for a temperature."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._course = Course(references(scenario, start_reference(scenario.plant)))
@@ -67,7 +59,7 @@ class _Programme:
         self._machine = PhaseMachine(scenario.phases) if waits else None
         self._announced, self._n_ticks = scenario.announced, scenario.n_ticks
         self._shown: deque[float] = deque(maxlen=READING_AGE_TICKS + 1)
-        self.reference = self._course.coming.popleft()[1]
+        self.reference = self._course.coming.popleft()[1]  #: in force
         self._announce()
 
     @property
@@ -134,10 +126,6 @@ class ClosedLoop:
     controllers : mapping of str to Controller
         By name; a scenario without controller needs none.
 
-    Attributes
-    ----------
-    plant : PlantEmulator
-
     Raises
     ------
     fsw_schema.models.InputError
@@ -163,10 +151,7 @@ class ClosedLoop:
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
 
-        Parameters
-        ----------
-        progress : callable, optional
-            Called now and then with the share done, 0 to 1.
+        ``progress`` is called now and then with the share done, 0 to 1.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario), deque(switches(scenario).items())

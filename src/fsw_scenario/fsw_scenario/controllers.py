@@ -1,4 +1,4 @@
-"""The controllers that can be named: ours, those of installed packages, and those in a user's own module or file."""
+"""Controllers by name: ours, those of installed packages, and those in a user's own module or file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
 
-#: Our own, by name: where the class is; entry points, too, but a source tree has none.
+#: Ours, by name: where the class is. They are entry points, too, but a source tree has none.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 
@@ -31,7 +31,9 @@ KNOWN = _known()
 
 
 def name_of(label: str) -> str:
-    """Name of the controller of a label, as of :func:`make`; one named by its class is known by its name from then on.
+    """Name of the controller of a label, as in :func:`make`.
+
+    A class that was given as ``MODULE:CLASS`` or ``FILE.py:CLASS`` is known by its name from then on.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def name_of(label: str) -> str:
 
 
 def short(label: str) -> str:
-    """Label without the place of the class; errors as :func:`name_of`."""
+    """Label without the module or file of the class; errors as :func:`name_of`."""
     return ":".join(filter(None, _parts(label)))
 
 
@@ -55,7 +57,7 @@ def _parts(label: str) -> tuple[str, str]:
     if not word:
         known = f"available: {', '.join(KNOWN)}; or name your own as MODULE:CLASS or FILE.py:CLASS"
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
-    # a process that is started elsewhere finds the file, too
+    # absolute, so that a process started in another folder finds the file
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
     name = str(_class_at(place).name)
     if KNOWN.setdefault(name, place) != place:
@@ -115,15 +117,15 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     Parameters
     ----------
     label : str
-        Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, and behind it, where wanted, ``:variant``: one of its documented
-        tunings, e.g. ``decentral:tight``.
+        Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, optionally followed by ``:variant``, one of its documented tunings,
+        e.g. ``decentral:tight``.
     parameters : mapping of str to value, optional
         Of the controller's node, by name; the others have their defaults.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When there is no such controller or variant here.
+        When there is no such controller or variant, or it refuses its parameters.
     """
     make_one = maker(label)
     try:
@@ -140,13 +142,13 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
 
 
 def maker(label: str) -> Callable[[dict[str, Any]], Controller]:
-    """Function that makes a controller from all its parameters, empty where it has none; errors as :func:`name_of`."""
+    """Function that makes a controller from all its parameters, {} if it has none; errors as :func:`name_of`."""
     kind: Callable[..., Controller] = kind_of(label)
     return kind if described_in(label) is not None else lambda _: kind()
 
 
 def variant_of(label: str) -> dict[str, str]:
-    """The parameter that the variant of a label of :func:`make` sets; none without variant."""
+    """The parameter that the variant in a label of :func:`make` sets; empty without variant."""
     (_, variant), parameter = _parts(label), getattr(kind_of(label), "variant", None)
     if not variant:
         return {}
@@ -156,20 +158,9 @@ def variant_of(label: str) -> dict[str, str]:
 
 
 def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
-    """Make the controllers of a scenario by name, the one that ``label`` names in that variant.
+    """Make the controllers of a scenario by name, with their parameters; the one in ``label`` in its variant.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    label : str
-        As of :func:`make`.
-    parameters : mapping of str to mapping
-        By name of the controller.
-
-    Raises
-    ------
-    fsw_schema.models.InputError
-        As :func:`make`.
+    Errors as :func:`make`.
     """
     name = "" if scenario.open_loop else name_of(label)
     variants = {other: label if other == name else other for other in scenario.controllers}

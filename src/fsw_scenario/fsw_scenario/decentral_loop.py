@@ -121,7 +121,8 @@ def loop_response(
     by_torque = by_torque - power * KW_PER_NM_RPM * speed * lag(gains.power_filter)
     inertia = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     friction = p.friction_linear_nm_per_rpm + 2.0 * p.friction_quadratic_nm_per_rpm2 * speed
-    # of the speed, through what the controller takes off the torque; the peak is in the measurement as well, later
+    # effect of the speed by the inertia and friction that the controller subtracts from the torque; the measurement
+    # has the inertia peak, too, but later
     own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
     solved = 1.0 - by_torque * own + power * KW_PER_NM_RPM * torque * back
     by_power = 1.0 / (torque * KW_PER_NM_RPM) + power
@@ -145,7 +146,7 @@ def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tupl
 
 
 def simulated_sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
-    """The same by simulation: the response to an infinitesimal impulse on one sensor; inf if it does not die out."""
+    """The same by simulation: from the response to a tiny impulse on one sensor; inf if it does not die out."""
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
         pulse = np.zeros((3010, 3))
@@ -176,14 +177,11 @@ def _windows(case: str) -> dict[str, slice]:
 
 
 def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
-    """Errors of a set of gains in the standard events, noise-free.
+    """Errors of a set of gains in the standard events, noise-free; units in the names.
 
-    Returns
-    -------
-    dict of str to float
-        Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the
-        other output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of
-        a run, which tells a loop that swings. Units in the names.
+    Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the other
+    output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of a run,
+    which reveals an oscillating loop.
 
     Raises
     ------

@@ -20,9 +20,9 @@ from fsw_scenario.scenario import Scenario
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
-#: how long the first tick may take, and so the end
+#: how long the first tick may take, and how much longer than the scenario its end
 _PATIENCE_S = 240.0
-#: how long lockstep waits for controllers, so that a machine that stands still meanwhile gives the same weld
+#: how long lockstep waits for controllers, so that a machine that stalls meanwhile gives the same weld
 _LOCKSTEP_S = 30.0
 _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
 
@@ -34,31 +34,16 @@ def for_standby(parameter_file: str) -> str:
 
 @dataclass(slots=True)
 class WeldGraph:
-    """Everything that runs for one scenario.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    folder : Path
-        Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
-    controllers : sequence of str
-        All that run, by name; the scenario's own are added.
-    realtime : bool
-        10 Hz on the wall clock instead of lockstep.
-    record : bool
-        Whether a recorder runs.
-    standby : bool
-        Whether a second supervisor stands by.
-    parameters : mapping of str to mapping
-        Parameters of the controllers' nodes, by name of the controller; the others have their defaults.
-    """
+    """Everything that runs for one scenario."""
 
     scenario: Scenario
+    #: gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be
     folder: Path
-    controllers: Sequence[str] = ()
-    realtime: bool = False
-    record: bool = True
-    standby: bool = False
+    controllers: Sequence[str] = ()  #: all that run, by name; the scenario's own are added
+    realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
+    record: bool = True  #: whether a recorder runs
+    standby: bool = False  #: whether a second supervisor stands by
+    #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -137,16 +122,8 @@ class WeldGraph:
     def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start everything, wait for the scenario's end, end everything.
 
-        Parameters
-        ----------
-        launcher : Launcher
-        progress : callable, optional
-            Called with the share done, 0 to 1.
-
-        Returns
-        -------
-        float
-            Wall time from the first tick to the last [s], as the player saw it.
+        Returns the wall time from the first tick to the last [s], as the player saw it. ``progress`` is called with the
+        share done, 0 to 1.
 
         Raises
         ------

@@ -23,10 +23,10 @@ from fsw_scenario.scenario_file import parse
 
 #: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0
-#: shares of the bounds that the process of the model may use, in closed loop and in open loop: in closed loop room is
-#: left for processes that differ from the model; in open loop none can be left: only the model knows what is steady
+#: shares of the bounds that the modelled process may use, in closed loop and in open loop: in closed loop room is left
+#: for processes that differ from the model; in open loop none can be, because only the model tells what is steady
 _SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
-#: what relative standard deviations are measured by, for the choice between experiments
+#: relative standard deviations to aim for, by which experiments are compared
 AIMS = {
     "thermal_gain_c_per_kw": 0.02,
     "depth_gain_mm_per_kn_s": 0.02,
@@ -40,7 +40,7 @@ AIMS = {
     "sliding_friction": 0.02,
 }
 _CONTROLLER = "decentral:conservative"
-#: for how long a level is held, drawn from these [s]; slower ones for what heats
+#: how long a level may be held [s]; longer for inputs that act on the temperature
 _HOLD_S = {
     "depth_mm": (4, 8, 12, 20),
     "temperature_c": (8, 16, 30),
@@ -76,16 +76,8 @@ def propose(
 ) -> Proposal:
     """The best of some random binary sequences, by the largest ratio of a standard deviation to its aim.
 
-    Parameters
-    ----------
-    duration_s : float
-    closed : bool
-        Whether set-points are stepped under the decentralized controller, or force and speed without one.
-    model : ModelParameters
-        Of the process, as far as known.
-    tries : int
-    progress : callable, optional
-        Called with the share done.
+    ``closed``: set-points are stepped under the decentralized controller; otherwise force and speed, without
+    controller. ``model`` is the process as far as it is known. ``progress`` is called with the share done.
     """
 
     def worst(found: Proposal) -> float:
@@ -101,7 +93,7 @@ def propose(
 
 
 def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters) -> Proposal:
-    """A sequence with amplitudes at which the process of the model uses its share of the bounds."""
+    """A sequence with amplitudes at which the modelled process uses its share of the bounds."""
     rest = ProcessModel(model).equilibrium(DEPTH_MM, TEMPERATURE_C)
     centre = {"depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C}
     centre |= {"force_kn": rest.force_kn, "speed_rpm": rest.speed_rpm}
@@ -151,7 +143,7 @@ def plant_factors(model: ModelParameters) -> dict[str, float]:
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
-    """What to expect of an experiment on a process, and how far it moves it; without noise."""
+    """Accuracy to expect of an experiment on a process, and how far it moves the process; without noise."""
     overrides = ["plant.noise=false", *(f"plant.{name}={value!r}" for name, value in (plant or {}).items())]
     scenario = parse(text, "design", overrides)
     controllers = {} if scenario.open_loop else {scenario.controller: make(_CONTROLLER)}

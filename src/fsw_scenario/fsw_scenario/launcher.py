@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -65,7 +64,7 @@ class Launcher:
     Parameters
     ----------
     log_folder : Path
-        Made if need be; one ``<name>.log`` per process.
+        Made if necessary; one ``<name>.log`` per process.
     domain : int
         ROS domain of all processes.
     patience_s : float
@@ -132,21 +131,12 @@ class Launcher:
     def wait_until(
         self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
     ) -> None:
-        """Wait for a condition while the processes run.
-
-        Parameters
-        ----------
-        condition : callable
-        timeout_s : float
-        what : str
-            What the condition is, for the error message.
-        watch : sequence of str, optional
-            Processes that must not end meanwhile; all by default.
+        """Wait until ``condition`` is true while the processes run; ``what`` names it in the error message.
 
         Raises
         ------
         LaunchError
-            When a watched process ends, or when it takes too long.
+            When a process of ``watch`` (by default any) ends, or when it takes too long.
         """
         end = time.monotonic() + timeout_s
         while not condition():
@@ -154,13 +144,6 @@ class Launcher:
             if time.monotonic() > end:
                 raise LaunchError(f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}")
             time.sleep(_POLL_S)
-
-    def wait_for_text(self, name: str, pattern: str, timeout_s: float = 120.0) -> str:
-        """Wait until a process has printed something that matches; returns what matched."""
-        child = self.children[name]
-        self.wait_until(lambda: re.search(pattern, child.text()), timeout_s, f"{name} to print {pattern!r}")
-        match = re.search(pattern, child.text())
-        return match[0] if match else ""
 
     def stop(self, *names: str) -> dict[str, int]:
         """End processes (all by default, the last started first) and return their exit codes."""
@@ -185,17 +168,9 @@ class _Restarts:
 
 
 class Respawn:
-    """Starts processes again that have ended, as the launch file does, and says so.
+    """Restarts processes that have ended, as the launch file does, and says so.
 
-    Parameters
-    ----------
-    launcher : Launcher
-    names : sequence of str
-        Running processes.
-    report : callable, optional
-        Takes a line for the person at the console.
-    clock : callable, optional
-        Monotonic time [s].
+    ``names`` are running processes; ``report`` gets a line for the person at the console; ``clock`` is monotonic.
     """
 
     def __init__(

@@ -56,7 +56,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         print("the other processes keep running, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
         return False
 
-    # an operator may hold the programme for as long as he likes
+    # the programme may be held for any length of time
     launcher.wait_until(over, float("inf"), "the end of the weld", ["plant"])
     print("the weld is over; look at it:")
     for bag in sorted(graph.folder.glob("bag*")):

@@ -13,13 +13,8 @@ from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
 class OfflineSupervisor:
     """Decides every tick as the supervisor does in a lockstep graph, with its default parameters.
 
-    Controllers that its parameter ``fallbacks`` does not name follow those that it does.
-
-    Parameters
-    ----------
-    controllers : mapping of str to Controller
-    selected : str
-        Name of the controller to start with.
+    It starts with the controller ``selected``. Controllers that its parameter ``fallbacks`` does not name come after
+    those that it does.
     """
 
     def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:

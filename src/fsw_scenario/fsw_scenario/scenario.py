@@ -43,7 +43,7 @@ def start_reference(plant: Mapping[str, Any]) -> Reference:
 
 
 class Sine(Model):
-    """About the set-points, from the end of the ramp until the next `reference`."""
+    """Sine around the set-points, from the end of the ramp until the next `reference`."""
 
     depth_mm: Annotated[float, Range(-1.0, 1.0, "mm")] = 0.0
     """amplitude"""
@@ -157,7 +157,7 @@ class Scenario(Model):
             raise ValueError("lacks duration_s")
         if not self.on_canister and any(phase.until_c is not None for phase in phases):
             raise problem(
-                "waits with until_c, which needs plant: {process: canister}; the paper's starts warm", "phases"
+                "has until_c, which needs plant: {process: canister}; the paper's process starts warm", "phases"
             )
         own = [
             Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))

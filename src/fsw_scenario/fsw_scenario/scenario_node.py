@@ -44,20 +44,15 @@ from fsw_scenario.weld_programme_ros import ProgrammeServer
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
-#: with which this node's set-points are sent, to know them again
+#: mark by which this node recognises its own set-points
 _MARK = "programme {}"
 
 
 class ScenarioNode(Node):
-    """The player.
+    """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
-    It subscribes to the sensors only when the first set-points are out and the controllers listen, so a plant that
-    waits for its subscribers starts when everything is ready. When the scenario is over it ends the process.
-
-    Parameters
-    ----------
-    source : str, optional
-        Scenario instead of the parameter ``scenario``.
+    It subscribes to the sensors only when the first set-points have been sent and the controllers listen, so a plant
+    that waits for its subscribers starts when everything is ready. When the scenario is over it ends the process.
 
     Raises
     ------
@@ -73,7 +68,7 @@ class ScenarioNode(Node):
         self._silence_s: float = settings["silence_timeout_s"]
         self._simulated = bool(self.get_parameter("use_sim_time").value)
         self._course = Course(references(self._scenario, start_reference(self._scenario.plant)))
-        #: what the controllers follow, by the same rule; with what this node sends
+        #: what the controllers follow, by the same rule, including what this node sends
         self._received = reference_queue(self)
         self._mark, self._mark_received, self._restarts = _MARK.format(0), False, 0
         self._stamps = StampFilter(silence_s=1.0)
@@ -81,7 +76,7 @@ class ScenarioNode(Node):
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._shown: deque[tuple[int, float]] = deque(maxlen=10 * READING_AGE_TICKS)  #: by the thermocouple
-        self._tick = 0  #: of the scenario; the process is further by what was held
+        self._tick = 0  #: of the scenario; that of the process is larger by the ticks held
         self._held = 0
         self._reported = -self._scenario.n_ticks  # the first tick is reported
         self._last_sample_s = self._began_s = time.monotonic()
@@ -183,7 +178,7 @@ class ScenarioNode(Node):
                 present = self._in_force()
                 self._course.resume(present, self._tick)
                 self._restart(present)
-                self.get_logger().info(f"the temperature is there: {machine.describe()}")
+                self.get_logger().info(f"temperature reached: {machine.describe()}")
             if self._course.followed and self._mark_received and self._received.mark != self._mark:
                 self.get_logger().warning(
                     "manual set-points are in force; those of the programme follow after a resume"
@@ -204,7 +199,7 @@ class ScenarioNode(Node):
             self._end("")
 
     def _reading_c(self, stamp_ns: int) -> float:
-        """What the thermocouple showed some ticks ago; NaN where that is not known."""
+        """The thermocouple's reading some ticks ago; NaN where it is unknown."""
         known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
         return next((value for at_ns, value in reversed(self._shown) if at_ns <= known_ns), nan)
 
@@ -213,7 +208,7 @@ class ScenarioNode(Node):
         write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
 
     def _on_received(self, mark: str) -> None:
-        """Note that this node's newest set-points have come back; from then on others are somebody else's."""
+        """Note that this node's newest set-points have arrived; those with another mark are then someone else's."""
         self._mark_received = self._mark_received or mark == self._mark
 
     def _in_force(self) -> Reference:
@@ -284,8 +279,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario has been played to its end, or when it was stopped before (reported); 1 when it cannot be
-        played on, 2 when something in the arguments is wrong, 3 when the programme was aborted.
+        0 when the scenario was played to its end, or stopped before (which is reported); 1 when it cannot go on, 2
+        when an argument is wrong, 3 when the programme was aborted.
     """
     argv = list(sys.argv if args is None else args)
     plain = remove_ros_args(args=argv)[1:]

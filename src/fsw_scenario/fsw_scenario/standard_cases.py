@@ -22,7 +22,7 @@ REST = Reference(DEPTH_MM, TEMPERATURE_C)
 
 
 class Step(NamedTuple):
-    """When and by how much a set-point or the disturbance of an output changes, and stays so."""
+    """A lasting change of a set-point or of an output disturbance: when, and by how much."""
 
     at_s: float
     depth_mm: float = 0.0

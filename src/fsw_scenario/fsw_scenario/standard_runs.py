@@ -21,9 +21,9 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, scenario
 
-#: An output still swings when, over the last `_LAST` ticks, it moves by more than this.
+#: An output still oscillates if it moves by more than this over the last `_LAST` ticks.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150
-#: The four figures that processes are judged by: case and figure of merit, and what they mean.
+#: The four figures of merit by which processes are compared: case and figure, and what it means.
 JUDGED = {
     "tracking iae_depth_mm_s": "set-points, depth",
     "tracking iae_temperature_c_s": "set-points, temperature",
@@ -68,7 +68,7 @@ def weld(job: Job) -> WeldSignals:
 
 
 def figures(job: Job) -> Figures:
-    """Run a job and return its figures of merit, with the swing that remains at the end."""
+    """Run a job and return its figures of merit, and whether an output still oscillates at the end."""
     signals = weld(job)
     truth = signals.truth
     assert truth is not None  # a simulation has it
@@ -88,8 +88,8 @@ def _figures_or_error(job: Job) -> Figures:
 def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1) -> Iterator[R]:
     """Results of a function for all jobs, in their order, by as many processes as there are processors.
 
-    They are spawned, because forked ones would share DDS and locks. An interrupt from the keyboard is for the caller
-    alone; when that takes no more results, the processes are ended.
+    They are spawned, because forked ones would share DDS and locks. Ctrl-C reaches the caller alone; when it takes no
+    more results, the processes are ended.
     """
     pool = ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited by the processes, which ``map`` starts

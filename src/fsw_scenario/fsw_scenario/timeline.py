@@ -11,18 +11,9 @@ from fsw_scenario.scenario import Scenario, tick_of
 
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
-    """Changes of the set-points by tick; key 0 holds what is in force from the start.
+    """Changes of the set-points by tick, in order; tick 0 has ``start``, which is in force before the first event.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    start : Reference
-        In force before the first reference event.
-
-    Returns
-    -------
-    dict of int to Reference
-        In order of ticks, always with tick 0; a tick that is not a key keeps the last reference.
+    A tick that is not a key keeps the last set-points.
     """
     events = [(event.at_s, event.reference) for event in scenario.events if event.reference is not None]
     begins = [tick_of(at_s) for at_s, _ in events]

@@ -20,7 +20,7 @@ from fsw_scenario.decentral_loop import errors, noise_moves, sensitivity
 Vector = NDArray[np.float64]
 #: Margins by which bounds and targets are kept, so that they hold after rounding.
 _BOUND_MARGIN, _TARGET_MARGIN = 0.985, 0.995
-#: cost of exceeding a target and a bound, per share of it
+#: cost of exceeding a target or a bound, per relative excess
 _MISSED, _BROKEN = 5.0, 50.0
 #: beyond this excess over the bounds nothing is simulated; the loop may be unstable
 _UNUSABLE = 0.5
@@ -36,7 +36,7 @@ def _by_name(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float
     return {name: {key: row[i] for key, row in table.items()} for i, name in enumerate(NAMES)}
 
 
-#: What a set of gains may not exceed: Ms of each loop, standard deviation of the moves per tick under sensor noise.
+#: Upper bounds: Ms of each loop, standard deviation of the moves per tick under sensor noise.
 BOUNDS = _by_name(
     {
         "ms_depth": (1.6, 2.0),
@@ -45,7 +45,7 @@ BOUNDS = _by_name(
         "noise_move_rpm": (0.5, 0.8),
     }
 )
-#: What the search aims to stay below: figures of another, independent tuning of such loops on the paper's process.
+#: Targets of the search: figures of another, independent tuning of such loops on the paper's process.
 TARGETS = _by_name(
     {
         "tracking_iae_depth_mm_s": (4.08, 1.48),
@@ -147,7 +147,7 @@ def tune(
     evaluations: int = EVALUATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Gains:
-    """Search for a set of gains, from ``start_of`` on.
+    """Search for a set of gains from ``start_of`` on; rounded to three digits.
 
     Parameters
     ----------
@@ -156,14 +156,9 @@ def tune(
     parameters : ModelParameters, optional
         The paper's by default.
     evaluations : int
-        At most; of the cost, some 0.1 s each.
+        Largest number of evaluations of the cost, some 0.1 s each.
     progress : callable, optional
         Called with the share of the evaluations done, 0 to 1.
-
-    Returns
-    -------
-    Gains
-        Rounded to three digits.
     """
     p = parameters or nominal()
     start = start_of(name, p)

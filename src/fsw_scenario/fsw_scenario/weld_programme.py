@@ -25,11 +25,11 @@ PhaseName = Literal["dwell", "start", "downward", "joint_line", "overlap", "park
 #: The sequences of a weld in their order; one may be left out.
 PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
 ANGLE_DEG, LENGTH_MM = Range(0.0, 720.0, "deg"), Range(0.0, 10_000.0, "mm")
-#: of the thermocouple's sample that decides, so that in the graph it has come (chosen)
+#: age of the thermocouple's sample that decides, so that it has arrived in the graph, too (chosen)
 READING_AGE_TICKS = 2
-#: an `until_c` must be kept for so many ticks, so that noise does not end the phase (chosen)
+#: ticks for which `until_c` must be reached, so that noise does not end the phase (chosen)
 _WARM_TICKS = 10
-#: numbers of ticks that are further apart come from a jump of the clock
+#: tick numbers that are further apart mean that the clock has jumped
 _CLOCK_JUMP_TICKS = 100
 
 
@@ -61,8 +61,8 @@ class Phase(Model):
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of a phase without travel"""
     until_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
-    """in a `dwell` without travel: it ends as soon as the thermocouple has shown so much for 1 s; `duration_s` is then
-    the longest that it takes"""
+    """in a `dwell` without travel: it ends once the thermocouple has shown at least this temperature for 1 s;
+    `duration_s` is then the longest it may take"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
     """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
@@ -89,7 +89,7 @@ class Phase(Model):
 
 
 class State(StrEnum):
-    """What becomes of the programme."""
+    """State of the programme."""
 
     RUNNING = "running"
     HELD = "held"
@@ -109,7 +109,7 @@ class Progress:
 
 
 def spans(phases: Sequence[Phase], whole_s: float | None = None) -> list[tuple[str, float, float]]:
-    """Name, begin and end of each phase [s], as planned or of a weld that took ``whole_s``: its dwell was shorter."""
+    """Name, begin and end of each phase [s], as planned, or with the dwell shortened to a weld of ``whole_s``."""
     lengths = [phase.duration_s for phase in phases]
     if whole_s is not None and phases[0].until_c is not None:
         lengths[0] -= max(sum(lengths) - whole_s, 0.0)
@@ -126,21 +126,11 @@ def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
 
 
 class PhaseMachine:
-    """Runs through the phases in order, tick by tick; can be held and resumed in any, and aborted for good.
+    """Runs through the phases (at least one) in order, tick by tick; can be held and resumed in any, and aborted.
 
-    Parameters
-    ----------
-    phases : sequence of Phase
-        At least one.
-
-    Attributes
-    ----------
-    tick : int
-        Ticks of the programme that have passed.
-    held : int
-        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock; less what
-        phases were shorter because the temperature was there.
-    state : State
+    ``tick`` counts the ticks of the programme that have passed; ``held`` is by how much the number of the process's
+    tick is larger: the ticks of holds and jumps of the clock, less those by which phases ended early because their
+    temperature was reached.
     """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
@@ -151,14 +141,10 @@ class PhaseMachine:
         self.state = State.RUNNING
 
     def follow(self, number: int, temperature_c: float = nan) -> bool:
-        """Take the number of the process's tick, 1 at the first, and what the thermocouple has shown.
+        """Take the number of the process's tick, 1 at the first, and the thermocouple's reading.
 
-        An old one or one of another clock does no harm.
-
-        Returns
-        -------
-        bool
-            Whether the programme has jumped to the end of a phase, because the temperature is there.
+        Returns whether the programme has jumped to the end of a phase because its temperature is reached. A number that
+        is old or of another clock does no harm.
         """
         passed = number - self.tick - self.held
         if abs(passed) > _CLOCK_JUMP_TICKS:
@@ -174,7 +160,7 @@ class PhaseMachine:
         return False
 
     def _jump(self, temperature_c: float) -> bool:
-        """Go to the end of a phase whose temperature is there."""
+        """Go to the end of a phase whose temperature is reached."""
         phase, begin_s, end_s = self._present()
         warm = begin_s < self.tick * TICK_S and phase.until_c is not None and temperature_c >= phase.until_c
         self._warm_ticks = self._warm_ticks + 1 if warm else 0

@@ -16,21 +16,13 @@ _LEAD_TICKS = 5
 
 
 class WayBack(NamedTuple):
-    """From the set-points in force to the programme.
+    """From the set-points in force to the programme."""
 
-    Attributes
-    ----------
-    start, goal : Reference
-        Where it begins, and where it meets the programme.
-    duration_s : float
-    changes : dict of int to Reference
-        By tick of the programme.
-    """
-
+    #: where it begins, and where it meets the programme
     start: Reference
     goal: Reference
     duration_s: float
-    changes: dict[int, Reference]
+    changes: dict[int, Reference]  #: by tick of the programme
 
     def __str__(self) -> str:
         if self.start == self.goal and not self.changes:
@@ -50,20 +42,14 @@ class Course:
     ----------
     programme : mapping of int to Reference
         Its changes by tick, in order, with one at tick 0.
-
-    Attributes
-    ----------
-    coming : deque of (int, Reference)
-        What is still to be sent, in order of ticks; the caller takes it from the left.
-    followed : bool
-        Whether the programme, or the way back to it, is what goes out.
     """
 
     def __init__(self, programme: Mapping[int, Reference]) -> None:
         self._programme = dict(programme)
         self._ticks = list(programme)
+        #: what is still to be sent, in order of ticks; the caller takes it from the left
         self.coming: deque[tuple[int, Reference]] = deque(self._programme.items())
-        self.followed = True
+        self.followed = True  #: whether the programme, or the way back to it, is what goes out
 
     def programme_at(self, tick: int) -> Reference:
         """The programme's set-points at a tick."""

@@ -23,7 +23,7 @@ LIMITS = {
 
 
 def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
-    """The phases one after the other, with all that they leave out."""
+    """The phases one after the other, with everything that they leave out filled in."""
     if not entries:
         raise problem(f"is empty; some of {', '.join(PHASES)}", "phases")
     phases: list[Phase] = []
@@ -53,7 +53,7 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
 def tool_path(phases: Sequence[Phase]) -> tuple[Waypoint, ...]:
     """The tool's places at the ends of the phases.
 
-    What the path of ``downward`` or ``parking`` is longer than its arc goes down to the joint line or up from it.
+    Where the path of ``downward`` or ``parking`` is longer than its arc, the rest leads down to the joint line or up.
     """
     climb = {"downward": -1.0, "parking": 1.0}
     points, time_s, arc_mm, axial_mm = [(0.0, 0.0, 0.0)], 0.0, 0.0, 0.0

@@ -36,11 +36,6 @@ class ProgrammeServer:
         Set-points in force.
     restart : callable
         Sends set-points that take effect at once, and the future ones of the course.
-
-    Attributes
-    ----------
-    stopped : str
-        The supervisor's answer, once an aborted weld is in the safe state.
     """
 
     def __init__(
@@ -53,7 +48,7 @@ class ProgrammeServer:
     ) -> None:
         self._node, self.machine, self._course = node, machine, course
         self._in_force, self._restart = in_force, restart
-        self.stopped = ""
+        self.stopped = ""  #: the supervisor's answer, once an aborted weld is in the safe state
         self._asked: Future | None = None
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
@@ -125,7 +120,7 @@ class ProgrammeServer:
             )
 
     def on_tick(self, stamp_ns: int) -> None:
-        """Report where due."""
+        """Report the progress when it is due."""
         self._stamp_ns = stamp_ns
         self._ticks_since_report += 1
         if self._state() != self._reported or self._ticks_since_report >= _TICKS_PER_REPORT:

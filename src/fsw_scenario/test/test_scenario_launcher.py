@@ -14,7 +14,7 @@ import pytest
 from fsw_control.free_domain import free_domain
 from fsw_scenario import launcher as launcher_module
 from fsw_scenario.launcher import REFUSED, Launcher, LaunchError, Respawn
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 pytestmark = pytest.mark.slow
 
@@ -106,7 +106,7 @@ def test_waiting_for_text_and_for_too_long(modules, tmp_path, patient):
     modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("b", "child_b")
-        assert launcher.wait_for_text("b", r"re\w+") == "ready"
+        assert wait_for_text(launcher, "b", r"re\w+") == "ready"
         with pytest.raises(LaunchError, match="running already"):
             launcher.start("b", "child_b")
         with pytest.raises(LaunchError, match="without success for a miracle"):
@@ -120,7 +120,7 @@ def test_whoever_ignores_everything_is_killed(modules, tmp_path, patient):
     modules("child_c", STUBBORN.format(term="ignore"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("c", "child_c")
-        launcher.wait_for_text("c", "ready")
+        wait_for_text(launcher, "c", "ready")
         patient(child)
     assert child.process.returncode == -signal.SIGKILL
     assert child.text().split() == ["ready", "no", "no"]
@@ -130,7 +130,7 @@ def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
     modules("child_d", STUBBORN.format(term="signal.SIG_DFL"))
     with pytest.raises(RuntimeError, match="on purpose"), Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("d", "child_d")
-        launcher.wait_for_text("d", "ready")
+        wait_for_text(launcher, "d", "ready")
         raise RuntimeError("on purpose")
     assert not child.running
 
@@ -161,7 +161,7 @@ def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, 
     modules("child_f", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         first, other = [launcher.start(name, "child_f") for name in ("f", "g")]
-        launcher.wait_for_text("f", "ready")
+        wait_for_text(launcher, "f", "ready")
         kept = Kept(launcher, "f", "g")
         first.process.kill()
         again = kept.ends("f")
@@ -212,9 +212,10 @@ def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
         sys.path[:0] = {sys.path!r}
         from pathlib import Path
         from fsw_scenario.launcher import Launcher
+        from fsw_test_support.waiting import wait_for_text
         with Launcher(Path({str(tmp_path)!r}), 77) as launcher:
             child = launcher.start("e", "child_e")
-            launcher.wait_for_text("e", "ready")
+            wait_for_text(launcher, "e", "ready")
             print(child.process.pid, flush=True)
             child.process.wait()
     """

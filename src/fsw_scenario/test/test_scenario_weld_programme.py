@@ -220,7 +220,7 @@ def test_a_held_weld_does_not_jump():
 @pytest.mark.parametrize(
     ("phases", "others", "words"),
     [
-        (WAITS, {}, "phases waits with until_c, which needs plant"),
+        (WAITS, {}, "phases has until_c, which needs plant"),
         (changed(1, until_c=810.0), HEATED, r"phases\[1\] has until_c; only a dwell"),
         (changed(0, until_c=20.0), HEATED, r"phases\[0\].until_c = 20 is outside 750 to 950"),
         (WELD, {"path": [{"at_s": 0.0, "arc_mm": 3.0}]}, "path is not that of the phases"),

@@ -44,34 +44,20 @@ class Arbiter:
         Everything that can be set.
     lockstep : bool
         Whether the plant waits for the command, so that the wall clock only guards.
-
-    Attributes
-    ----------
-    machine : Machine
-        Mode, active controller, target, reasons, events.
-    safety : SafetyMonitor
-        Sensors and interlocks.
-    registry : ControllerRegistry
-        The controllers and what is known of them.
-    operator : OperatorRequests
-        Requests of the operator: ``ask_switch``, ``ask_mode``, ``acknowledge``.
-    watch : CommandWatch
-        Tells own commands from foreign ones.
-    in_force : CommandInForce
-        The command that the drives follow.
-    ticks : Ticks
-        The present tick and counts of those before.
     """
 
     def __init__(self, settings: ArbiterSettings, lockstep: bool = False) -> None:
         self.lockstep = lockstep
-        self.machine = Machine(settings)
-        self.safety = SafetyMonitor(self.machine)
+        self.machine = Machine(settings)  #: mode, active controller, target, reasons, events
+        self.safety = SafetyMonitor(self.machine)  #: sensors and interlocks
+        #: the controllers and what is known of them
         self.registry = ControllerRegistry(self.machine, self.safety, lockstep)
+        #: requests of the operator: ``ask_switch``, ``ask_mode``, ``acknowledge``
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
-        self.watch = CommandWatch()
-        self.in_force = CommandInForce()
+        self.watch = CommandWatch()  #: tells own commands from foreign ones
+        self.in_force = CommandInForce()  #: the command that the drives follow
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
+        #: the present tick and counts of those before
         self.ticks = Ticks(
             Arbitration(
                 self.machine,

@@ -20,15 +20,8 @@ RESERVED = (*BUILT_IN_SOURCES, "supervisor")
 class ControllerTopics:
     """Proposals and status of every controller, that is, of every node that publishes proposals.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    registry : ControllerRegistry
-        Records joining and leaving controllers.
-    on_proposal, on_status : callable
-        Get the controller's name and its message.
-    on_controller : callable
-        Gets the name of each controller that is new.
+    ``registry`` records those that join and leave; ``on_proposal`` and ``on_status`` get the controller's name and its
+    message, ``on_controller`` the name of each new one.
     """
 
     def __init__(

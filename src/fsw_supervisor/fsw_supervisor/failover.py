@@ -86,6 +86,12 @@ class Failover:
             times.append(self._due_s)
         return min(times, default=None)
 
+    def leads(self, now_s: float) -> bool | None:
+        """Whether this supervisor leads; None after a stall, until it is known whether another one has taken over."""
+        if self.role is not Role.ACTIVE:
+            return False
+        return None if self._fence_s is not None or now_s - self._called_s > self._lease_s else True
+
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published now; to be called with the decisions of every call of the arbiter."""
         gap_s, self._called_s = now_s - self._called_s, now_s

@@ -23,19 +23,11 @@ _TAKEOVER_COMMANDS = 20
 
 
 class CommandWatch:
-    """Distinguishes this supervisor's own commands from those of other writers.
-
-    Attributes
-    ----------
-    foreign_commands : int
-        Commands of other writers since the start.
-    foreign_tick : int
-        Number of the tick in which the last of them arrived.
-    """
+    """Distinguishes this supervisor's own commands from those of other writers."""
 
     def __init__(self) -> None:
-        self.foreign_commands = 0
-        self.foreign_tick = -10
+        self.foreign_commands = 0  #: commands of other writers since the start
+        self.foreign_tick = -10  #: number of the tick in which the last of them arrived
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_s: float | None = None
         self._rival_s, self._rival_commands = float("-inf"), 0
@@ -132,22 +124,12 @@ class DriveOffset:
 
 
 class CommandInForce:
-    """The command that the drives follow, and what they report.
-
-    Attributes
-    ----------
-    applied : Command or None
-        The command in force; None until it is known.
-    before_first : bool
-        Neither this supervisor nor a leader that it follows has sent a command yet.
-    seen : Command or None
-        Last command known from before the start or gap.
-    """
+    """The command that the drives follow, and what they report."""
 
     def __init__(self) -> None:
-        self.applied: Command | None = None
-        self.before_first = True
-        self.seen: Command | None = None
+        self.applied: Command | None = None  #: the command in force; None until it is known
+        self.before_first = True  #: neither this supervisor nor a leader that it follows has sent a command yet
+        self.seen: Command | None = None  #: last command known from before the start or gap
         self._drives: tuple[int, Command] | None = None
         self._force_offset, self._speed_offset = DriveOffset(), DriveOffset()
         self._just_begun = False

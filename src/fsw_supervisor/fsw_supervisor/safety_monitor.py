@@ -41,25 +41,14 @@ _SENSOR = {"temperature_c": "thermocouple", "depth_mm": "depth", "torque_nm": "t
 
 @dataclass(frozen=True, slots=True)
 class Interlock:
-    """A limit on one quantity.
+    """A limit on one quantity."""
 
-    Attributes
-    ----------
-    name : str
-        E.g. ``temperature_high``; a name that ends in ``_low`` guards against low values.
-    quantity : str
-        Key of the value that it watches, with the unit in the name.
-    warn, trip : float
-        Limits in that unit.
-    hysteresis : float
-        How far the value must come back before the level falls.
-    """
-
-    name: str
-    quantity: str
+    name: str  #: e.g. ``temperature_high``; a name that ends in ``_low`` guards against low values
+    quantity: str  #: key of the value that it watches, with the unit in the name
+    #: limits in that unit
     warn: float
     trip: float
-    hysteresis: float
+    hysteresis: float  #: how far the value must come back before the level falls
 
     def __post_init__(self) -> None:
         if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):

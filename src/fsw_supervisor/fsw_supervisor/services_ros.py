@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -14,29 +14,26 @@ from std_srvs.srv import Trigger
 
 from fsw_control import units
 from fsw_control.contract import Command
+from fsw_control.references_ros import ON_STANDBY
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.tick import Decision
 
-_ON_STANDBY = False, "refused: this supervisor is on standby now; send the request again"
-
 
 class OperatorServices:
     """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    arbiter : Arbiter
-    leads : callable
-        Whether this supervisor leads; otherwise requests are refused.
-    publish : callable
-        Publishes the consequences of a request.
+    ``leads`` is awaited before a request is acted on and before success is answered: whether this supervisor leads.
+    ``publish`` publishes the consequences of a request.
     """
 
     def __init__(
-        self, node: Node, arbiter: Arbiter, leads: Callable[[], bool], publish: Callable[[list[Decision]], None]
+        self,
+        node: Node,
+        arbiter: Arbiter,
+        leads: Callable[[], Awaitable[bool]],
+        publish: Callable[[list[Decision]], None],
     ) -> None:
         self._node, self._arbiter, self._leads, self._publish = node, arbiter, leads, publish
         # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
@@ -67,8 +64,8 @@ class OperatorServices:
             response.ok = False
             response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
             return response
-        if not self._leads():
-            response.ok, response.message = _ON_STANDBY
+        if not await self._leads():
+            response.ok, response.message = ON_STANDBY
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
@@ -78,7 +75,8 @@ class OperatorServices:
             answered: Future = Future(executor=self._node.executor)
             switch.on_done = partial(answered.set_result, True)
             await answered
-        response.ok, response.message = switch.ok, switch.message
+        lost = switch.ok and not await self._leads()
+        response.ok, response.message = ON_STANDBY if lost else (switch.ok, switch.message)
         return response
 
     def _on_list(
@@ -89,20 +87,21 @@ class OperatorServices:
         response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
         return response
 
-    def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
+    async def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
-        response.ok, response.message = self._ask(
+        response.ok, response.message = await self._ask(
             lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator")
         )
         return response
 
-    def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._ask(lambda: self._arbiter.operator.acknowledge("operator"))
+    async def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        ask = partial(self._arbiter.operator.acknowledge, "operator")
+        response.success, response.message = await self._ask(ask)
         return response
 
-    def _ask(self, ask: Callable[[], tuple[bool, str]]) -> tuple[bool, str]:
-        if not self._leads():
-            return _ON_STANDBY
+    async def _ask(self, ask: Callable[[], tuple[bool, str]]) -> tuple[bool, str]:
+        if not await self._leads():
+            return ON_STANDBY
         answer = ask()
         self._publish([])
         return answer

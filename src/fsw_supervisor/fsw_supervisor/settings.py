@@ -67,13 +67,7 @@ class ArbiterSettings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
-        """Settings from the parameters of ``supervisor.yaml``; omitted ones have their defaults.
-
-        Raises
-        ------
-        ValueError
-            As the class does, and when a name is unknown or a value does not fit.
-        """
+        """Settings from the parameters of ``supervisor.yaml``, or their defaults; raises as the class does."""
         checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
         limits = Limits.from_parameters(checked)
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}

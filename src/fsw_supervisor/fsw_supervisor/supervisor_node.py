@@ -27,6 +27,7 @@ from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter, problem
 from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
+from fsw_supervisor.leadership_ros import Leadership
 from fsw_supervisor.services_ros import OperatorServices
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -60,14 +61,13 @@ class SupervisorNode(Node):
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
-        self._operator_services = OperatorServices(
-            self, self._arbiter, lambda: self._role is Role.ACTIVE, self._publish
-        )
+        self._leadership = Leadership(self, self._failover)
+        self._operator_services = OperatorServices(self, self._arbiter, self._leadership.certain, self._publish)
         self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
         self._command_topic = self.resolve_topic_name("fsw/command")
         self._published_revision = -1
         self._next_report_s = 0.0
-        self._kept_reference = KeptReference(self)
+        self._kept_reference = KeptReference(self, self._leadership.certain)
         self._controllers = ControllerTopics(
             self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
         )
@@ -144,12 +144,10 @@ class SupervisorNode(Node):
             self._open_commands().publish(reports.command(decision, self._failover.token))
         if self._arbiter.ticks.present is not None:
             self._kept_reference.on_tick(self._arbiter.ticks.present.stamp_ns)
+        self._leadership.look()
         self._wakeup.set(self._failover.wakeup_s)
         if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
             self._report_changes()
-
-    def _leads(self) -> bool:
-        return self._role is Role.ACTIVE
 
     def _open_commands(self) -> Publisher:
         if self._commands is None:

@@ -11,23 +11,12 @@ from fsw_control.contract import Command, Limits
 
 @dataclass(frozen=True, slots=True)
 class ProposalInput:
-    """A proposal as received.
+    """A proposal as received."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the measurement that it answers.
-    source : str
-        Claimed origin of the values.
-    command : Command
-        The manipulated variables proposed.
-    healthy, reason : bool, str
-        The controller's own assessment, and its reason.
-    """
-
-    stamp_ns: int
-    source: str
-    command: Command
+    stamp_ns: int  #: stamp of the measurement that it answers
+    source: str  #: claimed origin of the values
+    command: Command  #: the manipulated variables proposed
+    #: the controller's own assessment, and its reason
     healthy: bool = True
     reason: str = ""
 
@@ -63,43 +52,21 @@ def same(one: Command, other: Command) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The command of one tick.
+    """The command of one tick."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the measurement that it answers.
-    command : Command
-        To be applied; finite, in limits, within one move limit of the one before.
-    source : str
-        Who computed it: a controller, ``manual``, ``hold`` or ``safe_stop``.
-    reason : str
-        Why this source; empty when nominal.
-    latency_s : float
-        Measurement to decision.
-    """
-
-    stamp_ns: int
-    command: Command
-    source: str
-    reason: str = ""
-    latency_s: float = 0.0
+    stamp_ns: int  #: stamp of the measurement that it answers
+    command: Command  #: to be applied; finite, in limits, within one move limit of the one before
+    source: str  #: who computed it: a controller, ``manual``, ``hold`` or ``safe_stop``
+    reason: str = ""  #: why this source; empty when nominal
+    latency_s: float = 0.0  #: measurement to decision
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a tick was settled.
+    """How a tick was settled."""
 
-    Attributes
-    ----------
-    decision : Decision or None
-        The tick's command; None: it is lost, or another supervisor has answered it.
-    fault_excused_reason : str
-        Why a controller that has not proposed does not count as failed; empty if it does.
-    """
-
-    decision: Decision | None
-    fault_excused_reason: str
+    decision: Decision | None  #: the tick's command; None: it is lost, or another supervisor has answered it
+    fault_excused_reason: str  #: why a controller that has not proposed does not count as failed; empty if it does
 
 
 @dataclass(slots=True)

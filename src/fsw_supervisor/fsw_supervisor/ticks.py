@@ -15,28 +15,15 @@ _SILENT_TICKS = 2.5
 
 
 class Ticks:
-    """Begins and ends ticks, and collects the commands to be sent.
-
-    Attributes
-    ----------
-    present : Tick or None
-        The present tick; None before the first.
-    last : Decision or None
-        The last command sent, here or by the leader.
-    commands, lost, stalls : int
-        Counts since the start: commands sent, ticks without one, delays of this process.
-    leading : bool
-        Otherwise on standby: every tick is decided, nothing is sent.
-    now_s : float
-        Steady time of the last input.
-    """
+    """Begins and ends ticks, and collects the commands to be sent."""
 
     def __init__(self, arbitration: Arbitration) -> None:
-        self.present: Tick | None = None
-        self.last: Decision | None = None
+        self.present: Tick | None = None  #: the present tick; None before the first
+        self.last: Decision | None = None  #: the last command sent, here or by the leader
+        #: counts since the start: commands sent, ticks without one, delays of this process
         self.commands = self.lost = self.stalls = 0
-        self.leading = True
-        self.now_s = 0.0
+        self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
+        self.now_s = 0.0  #: steady time of the last input
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep

@@ -142,3 +142,19 @@ def test_a_leader_that_hears_of_a_newer_one_sends_nothing_that_it_has_kept_back(
     leader.tick(2)
     assert len(leader.sent) > sent
     assert leader.failover.token == "3.m"
+
+
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("replaced", [False, True])
+def test_after_a_stall_a_leader_is_not_sure_that_it_leads_until_it_has_heard(leader, replaced):
+    """A request may be the first that it handles; its answer waits."""
+    assert leader.failover.leads(leader.now_s) is True
+    leader.sleep(0.3)
+    assert leader.failover.leads(leader.now_s) is None
+    leader.measure()
+    assert leader.failover.leads(leader.now_s) is None
+    if replaced:
+        leader.failover.on_leader_state("2.other", leader.stamp_ns)
+    else:
+        leader.run(0.1)
+    assert leader.failover.leads(leader.now_s) is not replaced

@@ -25,7 +25,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_hmi.control import DONE, REFUSED, Session
-from fsw_hmi.control_room import ControlRoom, Rules, Verdict
+from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
@@ -75,7 +75,7 @@ class FakeHmi:
         handover_timeout_s: float = 30.0,
     ) -> None:
         self.source, self.bags = source, bags or []
-        self._room = ControlRoom(key, Rules(local_stop=False, handover_timeout_s=handover_timeout_s))
+        self._room = ControlRoom(key, local_stop=False, handover_timeout_s=handover_timeout_s)
         self.port = port or free_port()
         self.build = BUILD
         self.silent = False  #: no frames at all, though the connection stands

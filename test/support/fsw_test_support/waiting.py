@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fsw_scenario.launcher import Launcher
 
 #: For what comes within seconds on an idle machine; the start of a process takes a minute on one with twenty to run.
 PATIENCE_S = 240.0
@@ -16,3 +20,16 @@ def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = PATIE
     while not condition():
         assert time.monotonic() < end_s, f"waited {timeout_s:g} s in vain for {what}"
         time.sleep(0.01)
+
+
+def wait_for_text(launcher: Launcher, name: str, pattern: str, timeout_s: float = 120.0) -> str:
+    """Wait until a process has printed something that matches; returns what matched."""
+    found: list[str] = []
+
+    def printed() -> bool:
+        match = re.search(pattern, launcher.children[name].text())
+        found.extend([match[0]] if match else [])
+        return bool(found)
+
+    launcher.wait_until(printed, timeout_s, f"{name} to print {pattern!r}")
+    return found[0]

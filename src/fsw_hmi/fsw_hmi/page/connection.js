@@ -1,7 +1,7 @@
 // The websocket to the server: reconnects by itself, answers requests, and knows how old the news are.
 import { clock } from "./format.js";
 
-/** Ticks come every 0.1 s and beats every 0.25 s: silence that is longer is told, well within a second. */
+/** Ticks come every 0.1 s and beats every 0.2 s: silence that is longer is told, well within a second. */
 export const SILENCE_MS = 800;
 const WATCH_MS = 100;
 const BEHIND_MS = 1000;

@@ -1,0 +1,51 @@
+"""Files that this software keeps for a user: where what can be made anew is, and how a file appears whole."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def user_cache(name: str) -> Path:
+    """Folder of a package in the user's cache, after the XDG Base Directory Specification.
+
+    Raises
+    ------
+    RuntimeError
+        There is no home folder.
+    """
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(cache) if os.path.isabs(cache) else Path.home() / ".cache") / name
+
+
+@contextmanager
+def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
+    """A new, empty file beside ``path`` to be written, which takes its place at the end, or is removed after an error.
+
+    So nobody ever reads half a file, and several processes may write it at once. It has the suffix of ``path``.
+
+    Parameters
+    ----------
+    path : Path
+    mode : int, optional
+        Of the new file, less the umask.
+
+    Raises
+    ------
+    OSError
+        The file cannot be made or replaced; it names ``path``.
+    """
+    scratch = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.tmp{path.suffix}")
+    try:
+        os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    try:
+        yield scratch
+        scratch.replace(path)
+    finally:
+        scratch.unlink(missing_ok=True)

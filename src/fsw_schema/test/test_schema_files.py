@@ -1,0 +1,49 @@
+"""Where files are kept, and how they appear whole."""
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from fsw_schema.files import replacing, user_cache
+
+
+@pytest.mark.parametrize(
+    ("variable", "folder"),
+    [("/var/kept", "/var/kept/fsw_x"), ("relative", "/home/anna/.cache/fsw_x"), ("", "/home/anna/.cache/fsw_x")],
+)
+def test_cache_is_where_the_user_says_if_that_is_absolute(monkeypatch, variable, folder):
+    monkeypatch.setenv("HOME", "/home/anna")
+    monkeypatch.setenv("XDG_CACHE_HOME", variable)
+    assert user_cache("fsw_x") == Path(folder)
+
+
+def test_file_is_the_old_one_until_the_new_one_is_whole(tmp_path):
+    path = tmp_path / "weld.csv"
+    path.write_text("old")
+    with replacing(path) as scratch, replacing(path) as other:
+        scratch.write_text("new")
+        assert (path.read_text(), scratch.suffix, scratch != other) == ("old", ".csv", True)
+        other.write_text("in between")
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_nothing_is_replaced_after_an_error_and_nothing_is_left(tmp_path):
+    path = tmp_path / "weld.csv"
+    path.write_text("old")
+    with pytest.raises(KeyError), replacing(path) as scratch:
+        scratch.write_text("half")
+        raise KeyError
+    assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
+
+
+def test_mode_of_a_secret_file(tmp_path):
+    with replacing(tmp_path / "secret", 0o600) as scratch:
+        assert stat.S_IMODE(scratch.stat().st_mode) == 0o600
+
+
+def test_error_names_the_file_that_was_meant(tmp_path):
+    with pytest.raises(FileNotFoundError) as raised, replacing(tmp_path / "none" / "weld.csv"):
+        pass
+    assert raised.value.filename == str(tmp_path / "none" / "weld.csv")

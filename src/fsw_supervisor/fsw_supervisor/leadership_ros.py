@@ -1,0 +1,37 @@
+"""Whether this supervisor leads, for requests: their callbacks wait until that is certain."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+from fsw_supervisor.failover import Failover
+
+
+class Leadership:
+    """Answers whether this supervisor leads.
+
+    After a stall requests may be handled before the messages that say that another supervisor has taken over. One that
+    no longer leads must not accept them: nobody would follow it.
+    """
+
+    def __init__(self, node: Node, failover: Failover) -> None:
+        self._node, self._failover = node, failover
+        self._waiting: list[Future] = []
+
+    async def certain(self) -> bool:
+        """Wait until it is certain, after a stall, and return whether this supervisor leads."""
+        while (leads := self._failover.leads(time.monotonic())) is None:
+            known: Future = Future(executor=self._node.executor)
+            self._waiting.append(known)
+            await known
+        return leads
+
+    def look(self) -> None:
+        """Resume what waits, if it is certain now; to be called after every call of the failover."""
+        if self._waiting and self._failover.leads(time.monotonic()) is not None:
+            waiting, self._waiting = self._waiting, []
+            for known in waiting:
+                known.set_result(True)

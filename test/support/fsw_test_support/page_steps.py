@@ -1,0 +1,56 @@
+"""What a person does at the page in a browser, and waits for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from playwright.sync_api import expect
+
+from fsw_test_support.fake_hmi import TOKEN
+from fsw_test_support.waiting import PATIENCE_S
+
+T = TypeVar("T")
+
+
+def ready(page: Any) -> Any:
+    """The page, once it shows a good weld."""
+    expect(page.locator("#verdict strong")).to_have_text("Good")
+    return page
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait until a script is true; Playwright's own way to wait needs eval, which the policy of the page forbids."""
+    end = time.monotonic() + PATIENCE_S
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, condition
+        page.wait_for_timeout(20)
+
+
+def settled(page: Any, measure: Callable[[], T]) -> T:
+    """What is measured once nothing is found; a page that a busy machine starves is cut off now and then."""
+    end = time.monotonic() + PATIENCE_S
+    while (found := measure()) and time.monotonic() < end:
+        page.wait_for_timeout(50)
+    return found
+
+
+def press(page: Any, name: str) -> None:
+    """Click on the button of this name."""
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def log_in(page: Any, name: str = "Anna", secret: str = TOKEN, label: str = "Token") -> None:
+    """Log in by the form."""
+    press(page, "Log in")
+    page.get_by_label("Name").fill(name)
+    page.get_by_label(label).fill(secret)
+    page.keyboard.press("Enter")
+
+
+def in_control(page: Any, name: str = "Anna") -> None:
+    """Log in and take control."""
+    log_in(page, name)
+    press(page, "Take control")
+    expect(page.locator(".control")).to_have_text(f"{name} (you) has control.")
