@@ -25,6 +25,7 @@ _FIGURES = {
     "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
+    "slowest_s": ("time at the drives' lowest speed [% of the phase]", 100.0, ".1f"),
 }
 #: of the joint line at a drive's limit: a canister that asks for more than the drive gives
 _LONG_S = 60.0
@@ -40,7 +41,7 @@ _LINES: dict[str, dict[str, Any]] = {
     "line source in a plate, edge at 60 mm": {"color": "grey", "linestyle": "-."},
 }
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
-_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
+_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s", "slowest_s")
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
