@@ -53,6 +53,11 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures."""
     found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}, "saturated": _saturated(rows)}
+    found["alone"] = [
+        {"canister": row["index"], "controller": row["controller"], "minutes": row["fastest_s"] / 60.0}
+        for row in rows
+        if row["phase"] == "joint_line" and row["fastest_s"] > _LONG_S and row["index"] not in found["saturated"]
+    ]
     found["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
     found["bad"] = {"all": len(bad), "long": sum(phase in ("joint_line", "overlap") for phase in bad)}
@@ -88,13 +93,12 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
-    """Canisters on whose joint line a drive is at its highest speed for long, and what each controller does there."""
-    of_line = [row for row in rows if row["phase"] == "joint_line"]
-    long = {row["index"] for row in of_line if row["fastest_s"] > _LONG_S}
-    return {
-        index: {row["controller"]: row for row in of_line if row["index"] == index and row["controller"] in CONTROLLERS}
-        for index in sorted(long)
-    }
+    """Canisters on whose joint line every controller is at the highest speed for long, and what each does there."""
+    found: dict[int, dict[str, Any]] = {}
+    for row in rows:
+        if row["phase"] == "joint_line":
+            found.setdefault(row["index"], {})[row["controller"]] = row
+    return {index: of for index, of in sorted(found.items()) if all(one["fastest_s"] > _LONG_S for one in of.values())}
 
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
@@ -231,14 +235,17 @@ def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The page with its figure."""
-    page, figure = folder / "canister.md", folder / "canister.png"
+    """The two pages with their figure."""
+    figure = folder / "canister.png"
     draw(data, figure)
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
     functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
-    text = environment.get_template("canister.md.j2").render(
-        **data, limits=limits, **{one.__name__: one for one in functions}
-    )
-    page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
-    return [page, figure]
+    pages = []
+    for name in ("canister.md", "canister-verdict.md"):
+        text = environment.get_template(f"{name}.j2").render(
+            **data, limits=limits, **{one.__name__: one for one in functions}
+        )
+        pages.append(folder / name)
+        pages[-1].write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    return [*pages, figure]
