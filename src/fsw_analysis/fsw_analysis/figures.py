@@ -114,18 +114,10 @@ _WHOLE_WELD = (
 
 
 def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
-    """Draw figures of the paper and an overview of everything; returns the files.
+    """Draw figures of the paper (``numbers``, 4 to 9) and an overview of everything into a folder; returns the files.
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Welds to overlay, at least one; the references of the first are drawn.
-    numbers : sequence of int
-        Which of the figures 4 to 9.
-    folder : Path
-        Where to write ``fig<number>.png`` and ``overview.png``; must exist.
-    name : str
-        Of the scenario: goes into the titles and before the files' names.
+    At least one run is needed; they are overlaid, with the references of the first. ``name``, of the scenario, goes
+    into the titles and before the files' names.
     """
     prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
     pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]

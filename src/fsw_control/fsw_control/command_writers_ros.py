@@ -19,13 +19,7 @@ _SUPERVISORS = 10
 class CommandWriters:
     """Sets the gate's sources: while there is a second publisher of commands, only those announced by the supervisor.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    gate : callable
-        Returns the gate, which may be replaced.
-    configured : callable
-        Sources by parameter; where there are any, only they are accepted.
+    ``gate`` returns the gate, which may be replaced. Where ``configured`` returns sources, only these are accepted.
     """
 
     def __init__(self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]) -> None:

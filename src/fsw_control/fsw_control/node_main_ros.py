@@ -56,15 +56,17 @@ class _Interrupts:
             raise KeyboardInterrupt
 
 
-def run(factory: Callable[[], Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
+def run(factory: Callable[..., Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
     """Make the node and spin it until SIGINT, SIGTERM or shutdown.
 
     Parameters
     ----------
     factory : callable
-        Returns the node; called after ``rclpy.init``. May raise to refuse its parameters.
+        Returns the node; called after ``rclpy.init``, with the word before ``--ros-args`` if there is one. May raise
+        to refuse its parameters.
     args : sequence of str, optional
-        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted.
+        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted, and one
+        word before them if ``arguments`` names it (``positional``).
     arguments : NodeArguments, optional
         The accepted ones: for ``--help``, and to refuse parameters that the node does not have.
 
@@ -85,12 +87,13 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, argument
         try:
             rclpy.init(args=argv)
             started = True
-            surplus = remove_ros_args(args=argv)[1:]
-            if surplus:
+            words = remove_ros_args(args=argv)[1:]
+            taken = 1 if arguments is not None and arguments.positional else 0
+            if surplus := words[taken:] or [word for word in words if word.startswith("-")]:
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
             if arguments is not None:
                 arguments.check(argv)
-            node = factory()
+            node = factory(*words)
             interrupts.phase = "spinning"
             rclpy.spin(node)
         except (KeyboardInterrupt, ExternalShutdownException):

@@ -92,14 +92,8 @@ class ReferenceQueue:
     def receive(self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = "") -> bool:
         """Take a reference as it was sent; returns whether it is accepted, and reports where not.
 
-        Parameters
-        ----------
-        stamp_ns : int
-            From when on it holds, on the clock of the measurements (0: at once).
-        published_ns, now_ns : int
-            Clock of the sender's computer at publication, and of the receiver's at receipt.
-        mark : str, optional
-            Kept with it.
+        It holds from ``stamp_ns`` on, on the clock of the measurements (0: at once). ``published_ns`` is the clock of
+        the sender's computer at publication, ``now_ns`` that of the receiver's at receipt; ``mark`` is kept with it.
         """
         if self._joined_ns is None or now_ns < self._joined_ns:
             # The first message begins the listening; if the receiver's clock has gone back, it has listened for long.

@@ -217,6 +217,13 @@ class KeptReference:
             self._asked.remove(one)
             one.answered.set_result(True)
 
+    def drop(self) -> None:
+        """Refuse the requests that are not answered yet: this supervisor leads no more."""
+        asked, self._asked = self._asked, []
+        for one in asked:
+            one.response.ok, one.response.message = ON_STANDBY
+            one.answered.set_result(True)
+
     def _on_received(self, mark: str) -> None:
         for one in self._asked:
             if one.mark == mark and one.received_ns is None:

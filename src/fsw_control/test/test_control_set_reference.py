@@ -133,6 +133,14 @@ def test_a_supervisor_that_does_not_lead_accepts_nothing(graph, monkeypatch):
 
 
 @pytest.mark.requirement("S28")
+def test_a_supervisor_that_steps_down_refuses_what_it_has_not_answered(graph, monkeypatch):
+    graph.start_controller()
+    monkeypatch.setattr(graph.kept, "look", lambda _now_s: graph.kept._asked and graph.kept.drop())
+    refused = graph.ask(2.7, 820.0)
+    assert not refused.ok and "on standby" in refused.message
+
+
+@pytest.mark.requirement("S28")
 def test_set_points_that_another_supervisor_has_sent_are_no_answer(graph):
     """Both count their requests from 1: the mark of one must not be that of the other."""
     graph.start_controller()

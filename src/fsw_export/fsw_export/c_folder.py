@@ -40,20 +40,9 @@ def write_folder(
 ) -> str:
     """Weld with a controller to record test vectors, write its folder, compile the example and run it on them.
 
-    Parameters
-    ----------
-    choice : Choice
-    out : Path
-        Must not exist yet, or be empty.
-    replace : bool
-        Whether an earlier export there is deleted, with everything that was added to it.
-    progress : callable, optional
-        Called with the share of the weld that is done, 0 to 1.
-
-    Returns
-    -------
-    str
-        What the example printed.
+    Returns what the example printed. The folder must not exist yet, or be empty; with ``replace`` an earlier export
+    there is deleted, with everything that was added to it. ``progress`` is called with the share of the weld that is
+    done, 0 to 1.
 
     Raises
     ------

@@ -51,17 +51,10 @@ def check_file(out: Path, replace: bool = False) -> None:
 
 
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
-    """Compile a unit for this machine and write its FMU.
+    """Compile a unit for this machine and write its FMU, ``*.fmu``.
 
-    Parameters
-    ----------
-    content : Content
-    out : Path
-        File to write, ``*.fmu``.
-    replace : bool
-        Whether an existing file may be replaced.
-    others : sequence of str
-        Platforms of ``CROSS`` to compile for as well; needs ziglang.
+    ``replace``: an existing file may be replaced. ``others`` are platforms of ``CROSS`` to compile for as well, which
+    needs ziglang.
 
     Raises
     ------

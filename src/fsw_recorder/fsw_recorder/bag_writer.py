@@ -41,20 +41,12 @@ class WriterOptions:
 
 
 class BagWriter:
-    """Writes one bag folder: ``<folder>/<folder>_0.mcap``, … and, when closed, ``metadata.yaml``.
-
-    Parameters
-    ----------
-    folder : Path
-        Must not exist; its parents are created.
-    options : WriterOptions
-    custom_data : mapping of str to str, optional
-        For ``metadata.yaml``.
+    """Writes one bag folder: ``<folder>/<folder>_0.mcap``, … and, when closed, ``metadata.yaml`` with ``custom_data``.
 
     Raises
     ------
     BagError
-        The folder exists or cannot be made.
+        The folder exists or cannot be made; its parents are created.
     """
 
     def __init__(
@@ -82,12 +74,8 @@ class BagWriter:
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0) -> bool:
         """Hand in a message; never blocks on the disk and never raises.
 
-        A publish time that no MCAP file can hold (a source may claim anything) is replaced by the log time.
-
-        Returns
-        -------
-        bool
-            False when it will not be in the bag: paused, memory full, no receive time, or writing has failed.
+        Returns False when it will not be in the bag: paused, memory full, no receive time, or writing has failed. A
+        publish time that no MCAP file can hold (a source may claim anything) is replaced by the log time.
         """
         if self.is_paused:
             return False

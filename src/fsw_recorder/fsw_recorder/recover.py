@@ -35,21 +35,12 @@ def recover(
     keep_attachment: Callable[[str], bool] = lambda _: True,
     stop_ns: int = FOREVER_NS,
 ) -> Recovery:
-    """Copy all readable messages and attachments of a bag into a new bag.
+    """Copy all readable messages and attachments of a bag in any state into a new bag, whose folder must not exist.
 
     Topics, types, definitions, QoS, times, sequence numbers and bytes stay as they are; also turns any readable bag
-    (split, compressed, sqlite3) into one MCAP bag.
-
-    Parameters
-    ----------
-    source, target : Path or str
-        Bag folder or file in any state, and folder of the new bag; must not exist.
-    options : WriterOptions, optional
-        How it is written.
-    progress : callable, optional
-        Called now and then with the fraction done, 0 to 1.
-    selection, keep_attachment, stop_ns : TopicSelection, callable, int
-        Copy only these topics, attachments with these names, and messages received before [ns]; all by default.
+    (split, compressed, sqlite3) into one MCAP bag. ``selection``, ``keep_attachment`` and ``stop_ns`` restrict it to
+    topics, to attachments by name, and to messages received before a time. ``progress`` is called now and then with the
+    fraction done, 0 to 1.
 
     Raises
     ------

@@ -212,12 +212,12 @@ class ReplayNode(Node):  # type: ignore[misc]
 
 def main(args: Sequence[str] | None = None) -> int:
     """Play a bag: ``run_replay.py BAG [--ros-args ...]``."""
-    argv = list(sys.argv if args is None else args)
-    overrides: list[Parameter] = []
-    if len(argv) > 1 and not argv[1].startswith("-"):
-        overrides.append(Parameter("bag", Parameter.Type.STRING, argv.pop(1)))
+
+    def make(*bag: str) -> ReplayNode:
+        return ReplayNode(parameter_overrides=[Parameter("bag", Parameter.Type.STRING, path) for path in bag])
+
     arguments = NodeArguments("fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG")
-    return run(lambda: ReplayNode(parameter_overrides=overrides), argv, arguments)
+    return run(make, args, arguments)
 
 
 if __name__ == "__main__":

@@ -112,19 +112,13 @@ class _Tick(NamedTuple):
 
 
 class ClosedLoop:
-    """Runs a scenario offline.
+    """Runs a scenario offline, with controllers by name; an open-loop scenario needs none.
 
     All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command.
     The supervisor's arbiter applies one of several, with fallback, inhibition, interlocks and all else, so that the
     trajectory is that of the graph in lockstep; and so it does with one alone when the scenario has sensor faults.
-    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is
-    held while it is unhealthy.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    controllers : mapping of str to Controller
-        By name; a scenario without controller needs none.
+    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is held
+    while it is unhealthy.
 
     Raises
     ------

@@ -57,18 +57,10 @@ class Child:
 
 
 class Launcher:
-    """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL.
+    """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL, ``patience_s`` apart.
 
-    Children that outlive the launcher because it was killed get SIGTERM from the kernel (Linux).
-
-    Parameters
-    ----------
-    log_folder : Path
-        Made if necessary; one ``<name>.log`` per process.
-    domain : int
-        ROS domain of all processes.
-    patience_s : float
-        How long to wait after each signal.
+    All are in one ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is made if necessary. Children
+    that outlive the launcher because it was killed get SIGTERM from the kernel (Linux).
     """
 
     def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:

@@ -11,14 +11,9 @@ from fsw_scenario.timeline import commands
 class OpenLoopController:
     """Proposes what a scenario with ``controller: none`` commands, whatever is measured.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        Its command events say what is proposed when; a step larger than a move limit takes several ticks.
-    start : Command
-        Proposed before the first event.
-    from_first_tick : bool
-        Count the scenario's time from the first measurement (wall clock), not from stamp 0 (simulated time).
+    ``start`` is proposed before the first event; a step larger than a move limit takes several ticks. With
+    ``from_first_tick`` the scenario's time counts from the first measurement (wall clock), otherwise from stamp 0
+    (simulated time).
     """
 
     name = "open_loop"

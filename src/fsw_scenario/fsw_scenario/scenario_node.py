@@ -15,7 +15,6 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Header, String
 
 from fsw_control import messages_ros as convert
@@ -282,15 +281,8 @@ def main(args: Sequence[str] | None = None) -> int:
         0 when the scenario was played to its end, or stopped before (which is reported); 1 when it cannot go on, 2
         when an argument is wrong, 3 when the programme was aborted.
     """
-    argv = list(sys.argv if args is None else args)
-    plain = remove_ros_args(args=argv)[1:]
-    source = plain[0] if plain and not plain[0].startswith("-") else None
-    if source is not None:
-        argv.remove(source)
     parameters = load_parameters("fsw_scenario", "player.yaml")
-    return run(
-        lambda: ScenarioNode(source), argv, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]")
-    )
+    return run(ScenarioNode, args, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]"))
 
 
 if __name__ == "__main__":

@@ -32,16 +32,11 @@ class WayBack(NamedTuple):
 
 
 class Course:
-    """Sends the set-points of a programme.
+    """Sends the set-points of a programme, given as its changes by tick, in order, with one at tick 0.
 
     As long as it is *followed*, its set-points are sent as planned. A hold, or manual set-points, *leave* it: the
     set-points then in force stay. A resume ramps back to the programme at the permitted rates while its time continues,
     so that no part of it is skipped and nothing jumps that does not jump in the programme.
-
-    Parameters
-    ----------
-    programme : mapping of int to Reference
-        Its changes by tick, in order, with one at tick 0.
     """
 
     def __init__(self, programme: Mapping[int, Reference]) -> None:

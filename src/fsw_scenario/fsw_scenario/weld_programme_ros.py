@@ -25,17 +25,8 @@ _TICKS_PER_REPORT = 10
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress``, serves ``fsw/weld/hold|resume|abort`` and asks the supervisor for a safe stop.
 
-    A safe stop from elsewhere aborts the programme, too.
-
-    Parameters
-    ----------
-    node : Node
-    machine : PhaseMachine
-    course : Course
-    in_force : callable
-        Set-points in force.
-    restart : callable
-        Sends set-points that take effect at once, and the future ones of the course.
+    A safe stop from elsewhere aborts the programme, too. ``in_force`` returns the set-points in force; ``restart``
+    sends set-points that take effect at once, and the future ones of the course.
     """
 
     def __init__(

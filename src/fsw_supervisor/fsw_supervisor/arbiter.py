@@ -38,12 +38,7 @@ from fsw_supervisor.ticks import Ticks
 class Arbiter:
     """Takes all inputs of the supervisor, on their steady time, and returns the commands to be sent.
 
-    Parameters
-    ----------
-    settings : ArbiterSettings
-        Everything that can be set.
-    lockstep : bool
-        Whether the plant waits for the command, so that the wall clock only guards.
+    In lockstep the plant waits for the command, so that the wall clock is only a guard.
     """
 
     def __init__(self, settings: ArbiterSettings, lockstep: bool = False) -> None:

@@ -40,15 +40,8 @@ class Failover:
     that was stalled; in the same term (they started together) the one that has answered the newer tick, in a tie the
     one with the greater identity.
 
-    Parameters
-    ----------
-    arbiter : Arbiter
-    identity : str
-        Differs from that of every other supervisor.
-    standby : bool
-        Begin as standby; otherwise lead unless another one does.
-    now_s : float
-        Steady time.
+    ``identity`` differs from that of every other supervisor. With ``standby`` it begins as standby; otherwise it leads
+    unless another one does.
     """
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:

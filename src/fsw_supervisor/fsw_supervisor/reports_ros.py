@@ -88,15 +88,8 @@ def diagnostics(
 ) -> list[Report]:
     """Diagnostics of the arbiter, its inputs and every controller.
 
-    Parameters
-    ----------
-    arbiter : Arbiter
-    writers : int
-        Publishers of the command topic, this one included.
-    namesakes : mapping of str to int
-        Publishers of each controller's proposal topic.
-    limits : (float, float)
-        99 % latencies [s] to warn of and to call an error.
+    ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` those of each controller's
+    proposal topic; ``limits`` are the 99 % latencies [s] to warn of and to call an error.
     """
     controllers = [
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry

@@ -135,6 +135,8 @@ class SupervisorNode(Node):
             self._role = self._failover.role
             if self._role is Role.ACTIVE:
                 self._open()
+            else:
+                self._kept_reference.drop()
             self.get_logger().info(f"role: {self._role}")
             self._report_changes()
         elif self._failover.unanswered:
