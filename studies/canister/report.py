@@ -25,7 +25,14 @@ _FIGURES = {
     "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
+    "slowest_s": ("time at the drives' lowest speed [% of the phase]", 100.0, ".1f"),
 }
+#: of the joint line at a drive's limit: a canister that asks for more than the drive gives
+_LONG_S = 60.0
+#: the milder limit on the time outside, that of the campaign for the temperature
+_LONGER_S = 30.0
+#: shortest phase whose name has room in the figure
+_NAMED_S = 50.0
 _SMALL: dict[str, Any] = {"fontsize": 7.0, "color": "dimgray"}
 #: in the figure of the steps, what is no canister
 _LINES: dict[str, dict[str, Any]] = {
@@ -34,7 +41,7 @@ _LINES: dict[str, dict[str, Any]] = {
     "line source in a plate, edge at 60 mm": {"color": "grey", "linestyle": "-."},
 }
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
-_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
+_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s", "slowest_s")
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -45,13 +52,29 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures."""
-    found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}}
+    found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}, "saturated": _saturated(rows)}
+    found["alone"] = [
+        {"canister": row["index"], "controller": row["controller"], "minutes": row["fastest_s"] / 60.0}
+        for row in rows
+        if row["phase"] == "joint_line" and row["fastest_s"] > _LONG_S and row["index"] not in found["saturated"]
+    ]
+    found["software"] = sorted({row["software"] for row in rows if "software" in row})
+    bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
+    found["bad"] = {"all": len(bad), "long": sum(phase in ("joint_line", "overlap") for phase in bad)}
+    found["astray"] = {
+        row["index"]: row["temperature_peak_c"]
+        for row in rows
+        if row["controller"] == CONTROLLERS[0] and row["phase"] == "downward" and not row["good"]
+    }
     for controller in CONTROLLERS:
         own = [row for row in rows if row["controller"] == controller]
         stopped = [row for row in own if "stopped" in row]
         indices = {row["index"] for row in own}
-        bad = {row["index"] for row in own if not row.get("good", False)}
-        found["welds"][controller] = {"welds": len(indices), "good": len(indices - bad)}
+        good = {
+            name: len(indices - {row["index"] for row in own if row.get("outside_s", np.inf) > at_most_s})
+            for name, at_most_s in (("good", AT_MOST_S), ("nearly", _LONGER_S))
+        }
+        found["welds"][controller] = {"welds": len(indices), **good}
         found["stopped"][controller] = len(stopped)
         for phase in PHASES:
             of_phase = [row for row in own if row["phase"] == phase]
@@ -69,6 +92,15 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     return found
 
 
+def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
+    """Canisters on whose joint line every controller is at the highest speed for long, and what each does there."""
+    found: dict[int, dict[str, Any]] = {}
+    for row in rows:
+        if row["phase"] == "joint_line":
+            found.setdefault(row["index"], {})[row["controller"]] = row
+    return {index: of for index, of in sorted(found.items()) if all(one["fastest_s"] > _LONG_S for one in of.values())}
+
+
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     """Share of welds inside the limits, by phase and for the whole weld."""
     rows = [["phase", *(f"`{one}`" for one in CONTROLLERS)]]
@@ -76,6 +108,7 @@ def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
         rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in CONTROLLERS)])
     welds = [verdict["welds"][c] for c in CONTROLLERS]
     rows.append(["**all phases**", *(f"{one['good']} of {one['welds']}" for one in welds)])
+    rows.append([f"all, with {_LONGER_S:g} s", *(f"{one['nearly']} of {one['welds']}" for one in welds)])
     return rows
 
 
@@ -85,6 +118,33 @@ def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     of = verdict["phases"][phase]
     for name, (words, factor, style) in _FIGURES.items():
         rows.append([words, *(format(factor * of[c][name], style) if c in of else "-" for c in CONTROLLERS)])
+    return rows
+
+
+def best_of(verdict: Mapping[str, Any], name: str, controller: str) -> str:
+    """Words for the phases in which a controller has the smallest of a figure."""
+    return ", ".join(
+        phase.replace("_", " ")
+        for phase, of in verdict["phases"].items()
+        if controller in of and of[controller][name] == min(one[name] for one in of.values())
+    )
+
+
+def against(verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]) -> str:
+    """A figure of a controller as shares of those of the PI tunings, in words."""
+    of = verdict["phases"][phase]
+    shares = sorted(of[controller][name] / of[one][name] for one in of if one.startswith("decentral") and of[one][name])
+    return " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1])) if shares else "-"
+
+
+def beyond(saturated: Mapping[int, Mapping[str, Row]]) -> list[list[str]]:
+    """What the controllers do on the joint line of canisters that ask for more than the drives give."""
+    rows = [["canister, controller", "at the highest speed [min]", "RMS error [°C]", "largest error of the depth [mm]"]]
+    for index, of in saturated.items():
+        for name in (one for one in CONTROLLERS if one in of):
+            row = of[name]
+            numbers = (row["fastest_s"] / 60.0, row["temperature_sigma_c"], row["depth_peak_mm"])
+            rows.append([f"{index}, `{name}`", *(f"{n:.{d}f}" for n, d in zip(numbers, (0, 1, 2), strict=True))])
     return rows
 
 
@@ -103,6 +163,20 @@ def responses(found: Mapping[str, Any]) -> list[list[str]]:
     return rows + [[name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)] for name, of in found.items()]
 
 
+def differences(reduced: Mapping[str, Any]) -> list[list[str]]:
+    """Largest difference of the reduced model by phase."""
+    phases = reduced["phases_c"]
+    header = ["largest difference [°C]", *(name.replace("_", " ") for name in phases)]
+    return [header, ["stir zone", *(f"{value:.2f}" for value in phases.values())]]
+
+
+def powers(weld: Mapping[str, Any]) -> list[list[str]]:
+    """Mean power of each phase."""
+    phases = weld["phases_kw"]
+    header = ["needed power [kW]", *(name.replace("_", " ") for name in phases)]
+    return [header, ["mean", *(f"{value:.1f}" for value in phases.values())]]
+
+
 def draw(data: Mapping[str, Any], path: Path) -> None:
     """Steps, the needed power over the weld, the error of the reduction, and the verdict by phase."""
     import matplotlib
@@ -116,8 +190,7 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         weld, reduced = validation["weld"], validation["reduced"]
         power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
         power.axhline(nominal().operating_power_kw, color="grey", linestyle=":")
-        end_min = weld["phases_s"]["joint_line"][1] / 60.0
-        power.annotate("paper's operating point", (end_min - 1.0, nominal().operating_power_kw), **_SMALL, va="bottom")
+        power.annotate("paper's operating point", (10.0, nominal().operating_power_kw), **_SMALL, va="bottom")
         power.set(title="needed power, mean of each minute", ylabel="kW")
         wrong.plot(reduced["minutes"], reduced["wrong_c"], color="black", linewidth=0.8)
         wrong.set(title="reduced model less all finite elements, stir zone", xlabel="time of the weld [min]")
@@ -126,6 +199,11 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
             axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
             for number, (begin, end) in enumerate(weld["phases_s"].values()):
                 axis.axvspan(begin / 60.0, end / 60.0, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+        for name, (begin, end) in weld["phases_s"].items():
+            if end - begin > _NAMED_S:
+                power.annotate(
+                    name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
+                )
         _draw_shares(verdict, data["verdict"]["phases"])
         figure.savefig(path)
 
@@ -157,14 +235,17 @@ def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The page with its figure."""
-    page, figure = folder / "canister.md", folder / "canister.png"
+    """The two pages with their figure."""
+    figure = folder / "canister.png"
     draw(data, figure)
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
-    functions = [table, shares, figures, identified, responses]
-    text = environment.get_template("canister.md.j2").render(
-        **data, limits=limits, **{one.__name__: one for one in functions}
-    )
-    page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
-    return [page, figure]
+    functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
+    pages = []
+    for name in ("canister.md", "canister-verdict.md"):
+        text = environment.get_template(f"{name}.j2").render(
+            **data, limits=limits, **{one.__name__: one for one in functions}
+        )
+        pages.append(folder / name)
+        pages[-1].write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    return [*pages, figure]

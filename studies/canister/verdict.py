@@ -40,7 +40,10 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
     outside |= (np.abs(wrong_c) > TEMPERATURE_C) | (truth.temperature_c < low_c) | (truth.temperature_c > high_c)
     slow, fast = signals.speed_rpm < weld.SPEED_MIN_RPM + _NEAR_RPM, signals.speed_rpm > weld.SPEED_MAX_RPM - _NEAR_RPM
     pushed = (signals.force_kn < weld.FORCE_MIN_KN + _NEAR_KN) | (signals.force_kn > weld.FORCE_MAX_KN - _NEAR_KN)
-    parts = spans(scenario.phases, signals.n_ticks * TICK_S)
+    parts = [  # a tick earlier: the set-point at a boundary is that of the later phase
+        (name, begin_s - TICK_S, end_s - TICK_S)
+        for name, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S)
+    ]
     for (phase, begin_s, end_s), errors in zip(parts, compute(signals, "", parts), strict=False):
         inside = (signals.time_s > begin_s + 1e-6) & (signals.time_s <= end_s + 1e-6)
         temperature, depth = errors.in_force_temperature_c, errors.in_force_depth_mm

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 _SCENARIO = "canister_weld_heat"
 #: moments that are shown where none is given, as shares of these phases; of the whole where there are none of them
 _MOMENTS = {"start": 0.9, "joint_line": 0.5, "overlap": 0.9}
+#: tolerance of the reduction where temperatures away from the tool are shown
+_FINE_K = 1e-5
 _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 
 
@@ -136,8 +138,10 @@ def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHi
             elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
+    elsewhere = arguments.probe or arguments.figure or arguments.film or arguments.vtk
+    parameters = weld.parameters.changed(tolerance_k=_FINE_K) if elsewhere else weld.parameters
     with ProgressBar("heat conduction in the canister") as bar:
-        canister = load_or_reduce(weld.parameters, progress=lambda share, _: bar(share))
+        canister = load_or_reduce(parameters, progress=lambda share, _: bar(share))
     start = weld.start(canister)
     with ProgressBar(weld.name) as bar:
         began = time.perf_counter()

@@ -126,6 +126,7 @@ ERRORS = [
     ("plant", ["--parameter", "start.temperature_c=.nan"], "start.temperature_c: nan is not finite"),
     ("plant", ["--parameter", "start.temperature_c=1080"], "beyond the drives' limits"),
     ("plant", ["--parameter", "seed=2"], "unknown parameters seed"),
+    ("plant", ["--parameter", "process=canister"], "the plant as an FMU has the paper's process only"),
     ("plant", ["--parameter", "start.depth_mm"], "--parameter start.depth_mm: write NAME=VALUE"),
     ("plant", ["--tuning", "x.yaml"], "the plant has no tuning"),
     ("plant", ["--model", "missing.yaml"], "cannot read model missing.yaml"),

@@ -87,7 +87,7 @@ def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None
         curves = [figure.add_subplot(grid[i, :]) for i in (1, 2)]
         _draw_curves(curves, picture)
         cursors = [axis.axvline(0.0, color="black", linewidth=1.2) for axis in curves]
-        _add_scale(figure, fields)
+        _add_scale(figure, fields, _LABELLED_C[::2])
         with writer.saving(figure, str(path), figure.dpi):
             for i, time_s in enumerate(times_s):
                 at_s, state = history.at(time_s)
@@ -220,8 +220,8 @@ def _isotherms(axis: Axes, x: Any, y: Any, field_c: Any, labelled: Sequence[floa
     axis.clabel(lines, [one for one in labelled if one in lines.levels], fontsize=6.0, fmt="%g")
 
 
-def _add_scale(figure: Figure, axes: Sequence[Axes]) -> None:
+def _add_scale(figure: Figure, axes: Sequence[Axes], ticks: Sequence[float] = _LABELLED_C) -> None:
     mapped = matplotlib.cm.ScalarMappable(norm=_NORM, cmap=_COLOURS)
-    scale = figure.colorbar(mapped, ax=list(axes), ticks=_LABELLED_C, fraction=0.02, pad=0.01)
-    scale.set_label("temperature of the copper [°C]")
+    scale = figure.colorbar(mapped, ax=list(axes), ticks=ticks, fraction=0.02, pad=0.01)
+    scale.set_label("copper [°C]")
     scale.ax.tick_params(labelsize=7.0)

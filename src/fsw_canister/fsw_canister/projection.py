@@ -30,6 +30,8 @@ _SLOWER = 0.1
 _FAST_PER_S = 0.1
 #: tabulated positions of the tool in a radius of the probe, and how many of them are one apart for the responses
 _POSITIONS, _EVERY = 6, 4
+#: below this tolerance temperatures away from the tool count, and the responses are to twice as many
+_FINE_K = 1e-3
 #: power of the tolerance
 _POWER_W = 50e3
 
@@ -174,7 +176,8 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
     matrix = _typical_matrix(elements, stiffness)
     probe, shoulder, rim = loads
     ends = np.stack([probe + _TYPICAL["shoulder"] * (shoulder - probe), rim])
-    responses = _responses(matrix, rho_c * mass, ends[:, ::_EVERY].reshape(-1, elements.size).T, mode, elements.outer_m)
+    every = 2 if elements.parameters.tolerance_k < _FINE_K else _EVERY
+    responses = _responses(matrix, rho_c * mass, ends[:, ::every].reshape(-1, elements.size).T, mode, elements.outer_m)
     constant = np.full((elements.size, 1), 1.0 / np.sqrt(mass.sum()))
     if mode == 0:
         responses -= constant @ (constant.T @ (mass @ responses))

@@ -36,7 +36,7 @@ def plant(choice: Choice) -> Content:
         within the drives' limits.
     """
     if choice.parameters.get("process", "paper") != "paper":
-        raise ExportError("the plant as an FMU has the paper's process only; leave out process")
+        raise ExportError("process canister: the plant as an FMU has the paper's process only; leave out process")
     own = (*_FIXED, *_TUNABLE, "model_file")
     specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
     validate(specs, choice.parameters)

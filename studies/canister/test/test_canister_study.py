@@ -9,6 +9,7 @@ from canister import report, validation, verdict
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
+from fsw_schema.models import InputError
 
 SHORT = """
 name: short
@@ -48,18 +49,61 @@ def test_what_is_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
 
 def made(index, controller, good, phase="joint_line"):
     figures = dict.fromkeys(report._FIGURES, 6.0)
-    return {"index": index, "controller": controller, "phase": phase, "seconds": 60.0, "good": good, **figures}
+    return {
+        "index": index,
+        "controller": controller,
+        "phase": phase,
+        "seconds": 60.0,
+        **figures,
+        "good": good,
+        "outside_s": 0.0 if good else 9.0,
+    }
 
 
 def test_the_summary_counts_welds_that_are_good_in_all_phases_and_those_that_stopped():
     rows = [made(0, "nmpc:default", True), made(0, "nmpc:default", False, "parking"), made(1, "nmpc:default", True)]
     rows.append({"index": 2, "controller": "nmpc:default", "phase": "", "stopped": "out of the copper"})
     found = report.summary(rows)
-    assert found["welds"]["nmpc:default"] == {"welds": 3, "good": 1}
+    assert found["welds"]["nmpc:default"] == {"welds": 3, "good": 1, "nearly": 2}
     assert found["stopped"]["nmpc:default"] == 1
     assert found["phases"]["joint_line"]["nmpc:default"]["share_good"] == 1.0
     assert found["phases"]["parking"]["nmpc:default"]["share_good"] == 0.0
     assert found["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(0.1)  # per second
+
+
+def test_canisters_beyond_the_drives_and_those_on_which_the_nmpc_goes_astray_are_named():
+    rows = [made(index, controller, True) for index in (4, 5) for controller in report.CONTROLLERS]
+    for row in rows[:4]:
+        row["fastest_s"] = 1800.0
+    rows[4]["fastest_s"] = 1800.0  # of one controller alone
+    rows.append(made(5, "nmpc:default", False, "downward") | {"temperature_peak_c": 33.0})
+    found = report.summary(rows)
+    assert list(found["saturated"]) == [4] and len(found["saturated"][4]) == 4
+    assert found["astray"] == {5: 33.0}
+    assert found["bad"] == {"all": 1, "long": 0}
+    assert report.beyond(found["saturated"])[1] == ["4, `nmpc:default`", "30", "6.0", "6.00"]
+
+
+def test_a_controller_is_the_best_where_its_figure_is_the_smallest():
+    rows = [made(0, controller, True) for controller in report.CONTROLLERS]
+    rows[0]["moved_rpm"] = 3.0
+    found = report.summary(rows)
+    assert report.best_of(found, "moved_rpm", "nmpc:default") == "joint line"
+    assert report.best_of(found, "moved_rpm", "decentral:tight") == ""
+    assert report.against(found, "joint_line", "moved_rpm") == "50 % to 50 %"
+
+
+def test_rows_of_several_versions_are_refused(tmp_path):
+    file = tmp_path / "welds_0.jsonl"
+    file.write_text("".join(json.dumps({"software": one}) + "\n" for one in ("old", "new")))
+    with pytest.raises(InputError, match="rows of several versions: new; old"):
+        verdict.read([file])
+
+
+def test_the_line_source_is_that_of_the_table():
+    """Of the gain from first principles: rise at 25 mm after 5 to 600 s, without an edge and with one."""
+    assert validation.line_source(1e6) == pytest.approx([3.73, 6.14, 10.3, 12.7, 14.6, 16.1, 16.4], rel=0.005)
+    assert validation.line_source(60.0) == pytest.approx([3.73, 6.15, 10.8, 14.1, 17.3, 19.9, 20.5], rel=0.02)
 
 
 def test_a_single_lag_is_found_again():
@@ -84,10 +128,19 @@ def test_the_page_is_written(tmp_path):
     }
     known = {"lid, early": {name: (1.0, 0.1) for name in validation.THERMAL}}
     rows = [made(0, controller, True) for controller in report.CONTROLLERS]
+    reduced = {"states": 9, "largest_c": 0.3, "rms_c": 0.1, "phases_c": {"downward": 0.3}}
+    reduced |= {"minutes": [0.0, 45.0], "wrong_c": [0.1, -0.1]}
     data = {
-        "validation": {"steps": {"paper (16)": lags, "lid": lags}, "identified": known, "weld": weld},
+        "validation": {
+            "reduced": reduced,
+            "steps": {"paper (16)": lags, "lid": lags},
+            "identified": known,
+            "weld": weld,
+        },
         "verdict": report.summary(json.loads(json.dumps(rows))),
     }
-    page, figure = report.write(data, tmp_path)
-    assert "| **all phases** | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in page.read_text()
+    data["verdict"]["phases"] |= {name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES}
+    first, verdict_page, figure = report.write(data, tmp_path)
+    assert "| **all phases** | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in verdict_page.read_text()
+    assert "stir zone | 0.30" in first.read_text()
     assert figure.stat().st_size > 10_000
