@@ -1,6 +1,25 @@
-"""What all tests share: hypothesis has no deadline, for a busy machine decides how long an example takes."""
+"""What all tests share.
 
+Hypothesis has no deadline, for a busy machine decides how long an example takes. And what the tests of a file leave in
+the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
+"""
+
+import os
+from collections.abc import Iterator
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("project", deadline=None)
 settings.load_profile("project")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def environment() -> Iterator[None]:
+    """The environment after a file is that before it."""
+    before = dict(os.environ)
+    yield
+    changed = [name for name in os.environ if os.environ[name] != before.get(name)]
+    for name in changed:
+        del os.environ[name]
+    os.environ.update(before)
