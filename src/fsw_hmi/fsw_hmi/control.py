@@ -106,6 +106,15 @@ class Control:
         """How long the holder still has to answer; 0: control may be taken."""
         return max(0.0, self._asked_s + self._answer_s - now_s) if self.asker else 0.0
 
+    def shown(self, session: Session, now_s: float) -> dict[str, Any]:
+        """Who has control and who asks for it, as a session sees it."""
+        holder, asker, left_s = self.holder, self.asker, round(self.left_s(now_s), 1)
+        return {
+            "holder": holder and {"name": holder.name, "session": holder.id},
+            "you": holder is session,
+            "request": asker and {"name": asker.name, "session": asker.id, "left_s": left_s, "you": asker is session},
+        }
+
     def take(self, session: Session, seen: object, now_s: float, same_person: bool = False) -> Answer:
         """Take control that is free, or that was asked for in vain; ``seen`` is the holder that the person has seen."""
         holder = self.holder
@@ -158,6 +167,13 @@ class Control:
         self.asker = None
         asker.note = f"{session.name} keeps control"
         return DONE, f"control not handed over to {asker.who}"
+
+    def give_back(self, session: Session) -> Answer:
+        """Give back the control that a session has."""
+        if self.holder is not session:
+            return REFUSED, "you do not have control"
+        self.release(session)
+        return DONE, "control released"
 
     def release(self, session: Session) -> None:
         """Give back what a session has, control or the request for it."""

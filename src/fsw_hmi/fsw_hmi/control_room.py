@@ -191,17 +191,12 @@ class ControlRoom:
 
     def control(self, session: Session, now_s: float) -> dict[str, Any]:
         """Content of the frame ``control`` for a session."""
-        holder, asker = self.holder, self._control.asker
-        left_s = round(self._control.left_s(now_s), 1)
-        return {
-            "holder": holder and {"name": holder.name, "session": holder.id},
-            "you": holder is session,
-            "request": asker and {"name": asker.name, "session": asker.id, "left_s": left_s, "you": asker is session},
+        return self._control.shown(session, now_s) | {
             "name": session.name,
             "authenticated": session.authenticated,
             "role": session.role,
             "may_stop": session.may_stop,
-            "note": session.note or ("" if holder else self.ended),
+            "note": session.note or ("" if self.holder else self.ended),
         }
 
     def news(self, session: Session, now_s: float) -> dict[str, Any] | None:
@@ -334,10 +329,7 @@ class ControlRoom:
         if do == "withdraw_request":
             return control.withdraw(session)
         if do == "release_control":
-            if holder is not session:
-                return REFUSED, "you do not have control"
-            control.release(session)
-            return DONE, "control released"
+            return control.give_back(session)
         return control.answer(session, message.get("to"), do == "hand_over_control")
 
     def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
