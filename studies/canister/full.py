@@ -69,7 +69,7 @@ class FullCanister:
         self.elements = Elements(p)
         e, self._modes = self.elements, np.arange(p.modes + 1)
         self._capacity = p.heat_capacity_j_per_m3_k
-        self._losses = p.surface_w_per_m2_k * e.surface + p.clamp_w_per_m2_k * e.clamp
+        self._losses = _losses(e)
         self._factors: list[Any] = []
         for mode in self._modes:
             implicit = (self._capacity * e.mass + _GAMMA * step_s * _matrix(e, int(mode))).tocsc()
@@ -157,11 +157,15 @@ class FullCanister:
         return float(2.0 * pi * (self._losses @ state.theta[0].real).sum())
 
 
+def _losses(elements: Elements) -> Any:
+    """Linear losses to air and clamp."""
+    p = elements.parameters
+    return p.surface_w_per_m2_k * elements.surface + p.clamp_w_per_m2_k * elements.clamp
+
+
 def _matrix(elements: Elements, mode: int) -> Any:
     """Conduction and losses of a mode."""
-    p = elements.parameters
-    losses = p.surface_w_per_m2_k * elements.surface + p.clamp_w_per_m2_k * elements.clamp
-    return p.conductivity_w_per_m_k * elements.stiffness(mode) + losses
+    return elements.parameters.conductivity_w_per_m_k * elements.stiffness(mode) + _losses(elements)
 
 
 def _load_and_rim(elements: Elements, axial_mm: float) -> tuple[Array, Array]:
