@@ -190,18 +190,20 @@ def test_safe_stop_while_the_supervisor_changes(weld):
 @pytest.mark.requirement("S18")
 def test_junk_from_strangers_does_not_act(weld):
     page = weld.start_weld("-p", "local_stop:=false", lockstep=True)
-    weld.until(lambda: len(weld.actions) == 3 and weld.states, "what has been done")
-    recorded, transitions = len(weld.actions), weld.states[-1].transitions
+    weld.until(lambda: len(weld.actions) == 3 and weld.mode() == "auto", "what has been done")
+    transitions = weld.states[-1].transitions
     for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):
         with Page(weld.url) as stranger:
             stranger.socket.send(text)
             stranger.socket.send(text.encode())
             stranger.send("safe_stop")
             assert stranger.until("answer", lambda frame: frame["id"] == 1)["outcome"] == "refused"
+    # what is asked for after them is all that was done
+    assert page.ask("mode", mode="hold")["outcome"] == "done"
     assert page.ask("release_control")["outcome"] == "done"
-    weld.until(lambda: len(weld.actions) > recorded, "the one thing that was done")
-    assert weld.actions[-1].action == "release control"
-    assert (weld.mode(), weld.states[-1].transitions) == ("auto", transitions)
+    weld.until(lambda: len(weld.actions) >= 5 and weld.mode() == "hold", "the two things that were done")
+    assert [one.action for one in weld.actions[3:]] == ["mode hold", "release control"]
+    assert weld.states[-1].transitions == transitions + 1
 
 
 def plant_waits_for(weld, count):
