@@ -45,6 +45,11 @@ class EstimatorTuning(Model):
     temperature_offset_walk_c: NonNegativeFloat = 3e-2
     offset_memory_s: NonNegativeFloat = 600.0
     """time constant with which the two offsets leak"""
+    depth_rate_walk_mm_per_s: NonNegativeFloat = 0.0
+    temperature_rate_walk_c_per_s: NonNegativeFloat = 0.0
+    rate_memory_s: NonNegativeFloat = 30.0
+    """time constant with which the rates of the two offsets leak"""
+    drift_sigmas: NonNegativeFloat = 0.0
     jump_sigmas: NonNegativeFloat = 4.0
     """a measurement further off is a jump; 0: never"""
 
@@ -161,6 +166,8 @@ class Tuning(Model):
                 e.torque_scale_walk,
                 e.depth_offset_walk_mm,
                 e.temperature_offset_walk_c,
+                e.depth_rate_walk_mm_per_s,
+                e.temperature_rate_walk_c_per_s,
             ),
         )
         return KERNEL.new(
@@ -182,7 +189,9 @@ class Tuning(Model):
             noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
             walk=tuple(walk),
             offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,
+            rate_keep=exp(-STEP_S / e.rate_memory_s) if e.rate_memory_s > 0.0 else 0.0,
             jump_sigmas=e.jump_sigmas,
+            drift_sigmas=e.drift_sigmas,
             blind_limit_s=blind_limit_s,
         )
 

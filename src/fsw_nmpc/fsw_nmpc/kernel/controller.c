@@ -86,8 +86,8 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
-  const double one[4] = {t->tolerance, t->offset_keep, t->jump_sigmas, t->blind_limit_s};
-  for (int i = 0; i < 4; i++) add(one[i], &sum, &least);
+  const double one[6] = {t->drift_sigmas, t->tolerance, t->offset_keep, t->rate_keep, t->jump_sigmas, t->blind_limit_s};
+  for (int i = 0; i < 6; i++) add(one[i], &sum, &least);
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {
@@ -97,7 +97,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
     if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
     if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
   }
-  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0) return 0;
+  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0 || t->rate_keep > 1.0) return 0;
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED) return 0;
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
 }
@@ -208,6 +208,17 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];
+  double ahead[2] = {0.0, 0.0}, rate[2] = {x[FSW_DEPTH_RATE], x[FSW_TEMP_RATE]}, now_s = 0.0;
+  for (int i = 0; i < c->model.n_out; i++)
+    for (int q = 0; q < 2; q++) s->drift[q][i] = 0.0;
+  for (int i = 0; i < c->model.n_out; i++) {
+    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S)
+      for (int q = 0; q < 2; q++) {
+        ahead[q] += FSW_TICK_S * rate[q];
+        rate[q] *= c->tuning.rate_keep;
+      }
+    for (int q = 0; q < 2; q++) s->drift[q][i] = ahead[q];
+  }
   fsw_trajectories(c, in);
 }
 

@@ -25,13 +25,15 @@
 #define TORQUE_FACTOR 3.0 /* a torque sample further from its expectation is none */
 #define LEAST_TORQUE_NM 100.0
 /* keeps an update defined where noise and covariance are zero */
+#define DRIFT_KEEP 0.9
+#define DRIFT_S 1.0
 #define LEAST_VARIANCE 1e-18
 /* share of the variance of a jump of the depth that is given to the sensor's offset; the tool's own depth gets the rest */
 #define OFFSET_SHARE 0.5
 /* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
 #define PEAK_NOISE_SHARE 0.3
 /* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets */
-static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15};
+static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2};
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
@@ -123,6 +125,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_COPPER] = x[FSW_TOOL] = rise_c;
   x[FSW_MOTOR] = scale * torque + friction;
   x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
+  x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++)
@@ -135,6 +138,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
+  e->persistent[0] = e->persistent[1] = 0.0;
   return e->started = is_sound(e, m);
 }
 
@@ -152,6 +156,8 @@ static void constant_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_n
   e->a[FSW_COPPER][FSW_HEAT] = mode[8];
   e->a[FSW_TOOL][FSW_HEAT] = mode[9];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
+  e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
+  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep;
 }
 
 /* p = a p a' + walk */
@@ -213,8 +219,10 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   }
   e->a[FSW_MOTOR][FSW_MOTOR] = motor_decay;
   x[FSW_MOTOR] = begin + rise + friction + motor_decay * rest;
-  x[FSW_DEPTH_OFFSET] *= t->offset_keep;
-  x[FSW_TEMP_OFFSET] *= t->offset_keep;
+  x[FSW_DEPTH_OFFSET] = t->offset_keep * x[FSW_DEPTH_OFFSET] + FSW_TICK_S * x[FSW_DEPTH_RATE];
+  x[FSW_TEMP_OFFSET] = t->offset_keep * x[FSW_TEMP_OFFSET] + FSW_TICK_S * x[FSW_TEMP_RATE];
+  x[FSW_DEPTH_RATE] *= t->rate_keep;
+  x[FSW_TEMP_RATE] *= t->rate_keep;
   for (int k = 0; k < 3 * (m->n_history - 1); k++) e->history[k] = e->history[k + 3];
   double *newest = e->history + 3 * (m->n_history - 1);
   newest[0] = kw * begin - m->operating_power_kw;
@@ -253,6 +261,20 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
     for (int j = 0; j < N; j++) e->p[i][j] -= cross[i] * cross[j] / expected;
 }
 
+/* Innovations of one sign over a second are a drift: as with a jump the excess widens the variance of the offset's rate. */
+static void take_drift(fsw_estimator *e, const fsw_nmpc_tuning *t, int q, int sensor, int state) {
+  const double before = e->persistent[q];
+  double size = e->innovation[sensor] / sqrt(e->expected[sensor]);
+  size = fsw_clip(size, -t->jump_sigmas, t->jump_sigmas);
+  e->persistent[q] = DRIFT_KEEP * before + size;
+  const double excess = (1.0 - DRIFT_KEEP * DRIFT_KEEP) * e->persistent[q] * e->persistent[q] - t->drift_sigmas * t->drift_sigmas;
+  if (!(t->drift_sigmas > 0.0 && excess > 0.0)) return;
+  /* mean innovation over a second, as a rate */
+  const double rate = (1.0 - DRIFT_KEEP) * e->persistent[q] * sqrt(e->expected[sensor]) / DRIFT_S;
+  e->p[state][state] += rate * rate;
+  e->persistent[q] = 0.0;
+}
+
 static void clear_row(double row[N]) {
   for (int i = 0; i < N; i++) row[i] = 0.0;
 }
@@ -282,6 +304,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     jumping[FSW_DEPTH_OFFSET] = sqrt(OFFSET_SHARE);
     jumping[FSW_CREEP] = sqrt(1.0 - OFFSET_SHARE);
     update(e, t, DEPTH, row, in->depth_mm - shown, t->noise[DEPTH], jumping);
+    take_drift(e, t, 0, DEPTH, FSW_DEPTH_RATE);
   }
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(rise_c))) {

@@ -36,7 +36,7 @@ enum {
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
-  FSW_STATES = 10,
+  FSW_STATES = 12,
   FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
 };
 
@@ -92,14 +92,17 @@ typedef struct {
   double noise[3];             /* standard deviations: depth, torque, temperature */
   double walk[FSW_STATES];     /* random walk of each state per tick */
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
+  double rate_keep;            /* of their rates likewise */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
+  double drift_sigmas;         /* a mean of late innovations further off is a drift; 0: never */
   double blind_limit_s;        /* longest time without a sensor */
 } fsw_nmpc_tuning;
 
 /* States of the estimator; copper and tool are deviations from the operating temperature. */
 typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
-  FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET
+  FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
+  FSW_DEPTH_RATE, FSW_TEMP_RATE              /* of the offsets, per s */
 } fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
@@ -157,6 +160,7 @@ typedef struct {
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
+  double drift[2][FSW_MAX_OUT];            /* of the offsets until each output point */
 } fsw_start;
 
 /* One tick's problem: start, and the dead-bands about the trajectories. */
@@ -173,6 +177,7 @@ typedef struct {
   double offset[2];                        /* what the drives add to the command */
   double blind_s[3];
   int started;
+  double persistent[2];                    /* sum of late innovations of depth and temperature, in their deviations */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 

@@ -125,8 +125,8 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *
     sum += depth + z.tool + z.motor + p->power[k][0] + p->power[k][1] + p->power[k][2];
     while (out < m->n_out && m->out_step[out] == k) {
       const int below = m->n_out + out;
-      w->output[out] = depth + s->depth_offset_mm;
-      w->output[below] = m->operating_temperature_c + z.tool + s->temp_offset_c;
+      w->output[out] = depth + s->depth_offset_mm + s->drift[0][out];
+      w->output[below] = m->operating_temperature_c + z.tool + s->temp_offset_c + s->drift[1][out];
       for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = p->d_depth[j];
       for (int j = 0; j < m->temperature_width[out]; j++) w->by[below][j] = p->d_tool[j];
       out++;

@@ -179,13 +179,13 @@ static motion depth_now(const fsw_nmpc *c) {
   now.output = now.steered = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
   const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
   const double own = (m->depth_gain[0] + m->depth_gain[1]) * pushed + m->slow_pole * e->x[FSW_SLOW];
-  now.rate = row[FSW_CREEP] * own + row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
+  now.rate = e->x[FSW_DEPTH_RATE] + row[FSW_CREEP] * own + row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
   return now;
 }
 
 /* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate then under the power
  * that goes in now: nothing that is done now changes them. */
-static motion temperature_ahead(const fsw_nmpc *c) {
+static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
@@ -197,8 +197,14 @@ static motion temperature_ahead(const fsw_nmpc *c) {
     tool += m->ahead_power[n + k] * e->history[k];
   }
   const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
-  const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET];
-  motion ahead = {shown + copper, (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
+  double drift = 0.0, rate = x[FSW_TEMP_RATE];
+  for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
+    drift += FSW_TICK_S * rate;
+    rate *= c->tuning.rate_keep;
+  }
+  const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
+  motion ahead = {shown + copper, rate + (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
+  *copper_c = copper;
   return ahead;
 }
 
@@ -219,8 +225,9 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
   approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
-  motion ahead = temperature_ahead(c);
-  authority(c, ahead.steered - m->operating_temperature_c - c->estimator.x[FSW_TEMP_OFFSET], &to_depth, &to_temp);
+  double copper_c;
+  motion ahead = temperature_ahead(c, &copper_c);
+  authority(c, copper_c, &to_depth, &to_temp);
   int n = targets_of(&to_depth, c, in, 0, targets);
   motion now = depth_now(c);
   keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
