@@ -18,7 +18,7 @@
 #define FORCE_TIME_S 0.4
 #define POWER_TIME_S 0.3
 /* Depth accelerates faster than the speed can keep the power, by what the lags of the temperature smooth out. */
-#define SMOOTHED 1.35
+#define SMOOTHED 1.55
 /* Share of the acceleration with which an approach counts on braking; of the largest rate of the temperature. */
 #define BRAKE_SHARE 0.8
 #define RATE_SHARE 0.8
