@@ -50,6 +50,7 @@ class EstimatorTuning(Model):
     rate_memory_s: NonNegativeFloat = 30.0
     """time constant with which the rates of the two offsets leak"""
     drift_sigmas: NonNegativeFloat = 0.0
+    depth_gain_walk: NonNegativeFloat = 0.0
     jump_sigmas: NonNegativeFloat = 4.0
     """a measurement further off is a jump; 0: never"""
 
@@ -168,6 +169,7 @@ class Tuning(Model):
                 e.temperature_offset_walk_c,
                 e.depth_rate_walk_mm_per_s,
                 e.temperature_rate_walk_c_per_s,
+                e.depth_gain_walk,
             ),
         )
         return KERNEL.new(

@@ -204,6 +204,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->speed_rpm = c->applied[1];
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
+  s->depth_gain = x[FSW_DEPTH_GAIN];
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];

@@ -33,7 +33,7 @@
 /* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
 #define PEAK_NOISE_SHARE 0.3
 /* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets */
-static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2};
+static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2};
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
@@ -57,12 +57,13 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double pushed = e->acting_force_kn + x[FSW_FORCE] - m->operating_force_kn;
-  const double moved = m->operating_depth_mm + x[FSW_CREEP] + x[FSW_SLOW] + m->fast_gain * pushed;
+  const double moved = m->operating_depth_mm + x[FSW_CREEP] + x[FSW_SLOW] + m->fast_gain * x[FSW_DEPTH_GAIN] * pushed;
   if (row) {
     for (int i = 0; i < N; i++) row[i] = 0.0;
     row[FSW_CREEP] = row[FSW_SLOW] = soft;
     row[FSW_TOOL] = m->softening_per_c * moved;
-    row[FSW_FORCE] = soft * m->fast_gain;
+    row[FSW_FORCE] = soft * m->fast_gain * x[FSW_DEPTH_GAIN];
+    row[FSW_DEPTH_GAIN] = soft * m->fast_gain * pushed;
   }
   return soft * moved;
 }
@@ -126,6 +127,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_MOTOR] = scale * torque + friction;
   x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
   x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
+  x[FSW_DEPTH_GAIN] = 1.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++)
@@ -147,9 +149,12 @@ static void constant_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_n
   const double *mode = m->modes;
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) e->a[i][j] = i == j ? 1.0 : 0.0;
-  e->a[FSW_CREEP][FSW_FORCE] = mode[0];
+  const double gain = e->x[FSW_DEPTH_GAIN], pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
+  e->a[FSW_CREEP][FSW_FORCE] = mode[0] * gain;
+  e->a[FSW_CREEP][FSW_DEPTH_GAIN] = mode[0] * pushed;
+  e->a[FSW_SLOW][FSW_DEPTH_GAIN] = mode[2] * pushed;
   e->a[FSW_SLOW][FSW_SLOW] = mode[1];
-  e->a[FSW_SLOW][FSW_FORCE] = mode[2];
+  e->a[FSW_SLOW][FSW_FORCE] = mode[2] * gain;
   e->a[FSW_COPPER][FSW_COPPER] = mode[5];
   e->a[FSW_TOOL][FSW_COPPER] = mode[6];
   e->a[FSW_TOOL][FSW_TOOL] = mode[7];
@@ -182,7 +187,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
   const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
-  const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + m->fast_gain * pushed;
+  const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + m->fast_gain * x[FSW_DEPTH_GAIN] * pushed;
 
   constant_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
@@ -198,8 +203,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
     tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
   }
-  x[FSW_CREEP] += mode[0] * pushed;
-  x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + mode[2] * pushed;
+  x[FSW_CREEP] += mode[0] * x[FSW_DEPTH_GAIN] * pushed;
+  x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + mode[2] * x[FSW_DEPTH_GAIN] * pushed;
   x[FSW_COPPER] = copper;
   x[FSW_TOOL] = tool;
   const double soft = 1.0 + m->softening_per_c * tool, moved = settled + x[FSW_CREEP] + x[FSW_SLOW];
@@ -207,7 +212,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   for (int i = 0; i < N; i++)
     right_row[i] = scale * right.by_depth *
                    (soft * (e->a[FSW_CREEP][i] + e->a[FSW_SLOW][i]) + m->softening_per_c * moved * e->a[FSW_TOOL][i]);
-  right_row[FSW_FORCE] += scale * (right.by_force + right.by_depth * soft * m->fast_gain);
+  right_row[FSW_FORCE] += scale * (right.by_force + right.by_depth * soft * m->fast_gain * x[FSW_DEPTH_GAIN]);
+  right_row[FSW_DEPTH_GAIN] += scale * right.by_depth * soft * m->fast_gain * pushed;
   right_row[FSW_SCALE] += right.value;
 
   const double friction = fsw_friction(m, e->acting_speed_rpm), kw = FSW_KW_PER_NM_RPM * e->acting_speed_rpm;
@@ -313,6 +319,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
   }
+  e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], 0.6, 1.6);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
 }
 

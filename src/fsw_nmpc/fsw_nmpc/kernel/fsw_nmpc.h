@@ -36,7 +36,7 @@ enum {
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
-  FSW_STATES = 12,
+  FSW_STATES = 13,
   FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
 };
 
@@ -102,7 +102,8 @@ typedef struct {
 typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
-  FSW_DEPTH_RATE, FSW_TEMP_RATE              /* of the offsets, per s */
+  FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
+  FSW_DEPTH_GAIN                             /* factor on the model's */
 } fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
@@ -159,7 +160,7 @@ typedef struct {
   double history[3 * FSW_MAX_HISTORY];     /* power deviation P0, P1, P2 of each tick (predict.c), oldest first */
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
-  double speed_offset_rpm;
+  double speed_offset_rpm, depth_gain;
   double drift[2][FSW_MAX_OUT];            /* of the offsets until each output point */
 } fsw_start;
 
@@ -178,6 +179,7 @@ typedef struct {
   double blind_s[3];
   int started;
   double persistent[2];                    /* sum of late innovations of depth and temperature, in their deviations */
+  double depth_moved;                      /* excitation of the gain */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 

@@ -22,11 +22,11 @@ static void torque_row(fsw_torque t, const double *count, const double *dz, int 
 typedef struct { double creep, slow, copper, tool, motor, force, speed; } fsw_point;
 
 /* Depth (27) and its sensitivities; the fast mode has settled. */
-static double depth_of(const fsw_nmpc_model *m, const fsw_point *z, double pushed, int width, fsw_path *p) {
+static double depth_of(const fsw_nmpc_model *m, double gain, const fsw_point *z, double pushed, int width, fsw_path *p) {
   const double softening = 1.0 + m->softening_per_c * z->tool;
-  const double moved = m->operating_depth_mm + z->creep + z->slow + m->fast_gain * pushed;
+  const double moved = m->operating_depth_mm + z->creep + z->slow + gain * m->fast_gain * pushed;
   for (int j = 0; j < width; j += 2) {
-    p->d_depth[j] = softening * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
+    p->d_depth[j] = softening * (p->d_creep[j] + p->d_slow[j] + gain * m->fast_gain * p->count[j >> 1]) +
                     m->softening_per_c * moved * p->d_tool[j];
     p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
   }
@@ -34,8 +34,8 @@ static double depth_of(const fsw_nmpc_model *m, const fsw_point *z, double pushe
 }
 
 /* Depth over force (17), exact over the step. */
-static void step_depth(const double *mode, double pushed, int width, fsw_point *z, fsw_path *p) {
-  const double creep_gain = mode[0], slow_decay = mode[1], slow_gain = mode[2];
+static void step_depth(const double *mode, double gain, double pushed, int width, fsw_point *z, fsw_path *p) {
+  const double creep_gain = gain * mode[0], slow_decay = mode[1], slow_gain = gain * mode[2];
   z->creep += creep_gain * pushed;
   z->slow = slow_decay * z->slow + slow_gain * pushed;
   for (int j = 0; j < width; j += 2) {
@@ -114,11 +114,11 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *
     }
     const int width = p->width[k] = 2 * (m->interval_block[interval] + 1);
     const double acting = z.force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
-    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth_of(m, &z, pushed, width, p));
+    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth_of(m, s->depth_gain, &z, pushed, width, p));
     torque_row(left, p->count, p->d_depth, width, p->d_left);
-    step_depth(m->modes + k * FSW_MODES, pushed, width, &z, p);
+    step_depth(m->modes + k * FSW_MODES, s->depth_gain, pushed, width, &z, p);
     step_heat(m, s, k, width, &z, p);
-    const double depth = depth_of(m, &z, pushed, width, p);
+    const double depth = depth_of(m, s->depth_gain, &z, pushed, width, p);
     const fsw_torque right = scaled_torque(m, s->torque_scale, acting, depth);
     torque_row(right, p->count, p->d_depth, width, p->d_right);
     step_power(m, s, k, left.value, right.value, &z, p);
