@@ -45,14 +45,18 @@ class EstimatorTuning(Model):
     temperature_offset_walk_c: NonNegativeFloat = 3e-2
     offset_memory_s: NonNegativeFloat = 600.0
     """time constant with which the two offsets leak"""
-    depth_rate_walk_mm_per_s: NonNegativeFloat = 0.0
-    temperature_rate_walk_c_per_s: NonNegativeFloat = 0.0
+    depth_rate_walk_mm_per_s: NonNegativeFloat = 5e-6
+    """of the rate of the depth's offset; 0: it does not move"""
+    temperature_rate_walk_c_per_s: NonNegativeFloat = 2e-4
+    """of the rate of the temperature's offset; 0: it does not move"""
     rate_memory_s: NonNegativeFloat = 30.0
-    """time constant with which the rates of the two offsets leak"""
-    drift_sigmas: NonNegativeFloat = 0.0
-    depth_gain_walk: NonNegativeFloat = 0.0
+    """time constant with which the two rates leak"""
+    depth_gain_walk: NonNegativeFloat = 1e-4
+    """of the factor on the model's gain of the depth over the force; 0: it stays 1"""
     jump_sigmas: NonNegativeFloat = 4.0
     """a measurement further off is a jump; 0: never"""
+    drift_sigmas: NonNegativeFloat = 3.5
+    """innovations of the depth whose sum over about a second is further off are a drift; 0: never"""
 
 
 class Tuning(Model):
@@ -74,7 +78,7 @@ class Tuning(Model):
     """L1 weight outside the dead-band, per output point"""
     depth_scale_mm: NonNegativeFloat = 0.0022
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
-    temperature_scale_c: NonNegativeFloat = 0.08
+    temperature_scale_c: NonNegativeFloat = 0.2
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
     move_force_per_kn: NonNegativeFloat = 0.0
     """L1 weight on the moves of an interval"""
@@ -219,7 +223,7 @@ def _over(base: dict[str, Any], content: Any) -> Any:
     }
 
 
-#: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37)
+#: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37); constant offsets
 PAPER = Tuning(
     trajectory="recentred",
     depth_time_s=5.0,
@@ -234,4 +238,7 @@ PAPER = Tuning(
     move_speed_per_rpm=0.01,
     full_move_cost=0.0,
     blocks=54,
+    estimator=EstimatorTuning(
+        depth_rate_walk_mm_per_s=0.0, temperature_rate_walk_c_per_s=0.0, depth_gain_walk=0.0, drift_sigmas=0.0
+    ),
 )

@@ -86,7 +86,7 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
-  const double one[6] = {t->drift_sigmas, t->tolerance, t->offset_keep, t->rate_keep, t->jump_sigmas, t->blind_limit_s};
+  const double one[6] = {t->tolerance, t->offset_keep, t->rate_keep, t->jump_sigmas, t->drift_sigmas, t->blind_limit_s};
   for (int i = 0; i < 6; i++) add(one[i], &sum, &least);
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
@@ -192,7 +192,21 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   }
   c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
-  return fsw_estimator_start(&c->estimator, &c->model, &now);
+  return fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now);
+}
+
+/* How far the two offsets move over the horizon while their rates leak. */
+static void take_drifts(fsw_nmpc *c) {
+  const double *x = c->estimator.x;
+  double drift[2] = {0.0, 0.0}, rate[2] = {x[FSW_DEPTH_RATE], x[FSW_TEMP_RATE]}, now_s = 0.0;
+  for (int i = 0; i < c->model.n_out; i++) {
+    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S)
+      for (int q = 0; q < 2; q++) {
+        drift[q] += FSW_TICK_S * rate[q];
+        rate[q] *= c->tuning.rate_keep;
+      }
+    for (int q = 0; q < 2; q++) c->problem.start.drift[q][i] = drift[q];
+  }
 }
 
 static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
@@ -209,17 +223,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];
-  double ahead[2] = {0.0, 0.0}, rate[2] = {x[FSW_DEPTH_RATE], x[FSW_TEMP_RATE]}, now_s = 0.0;
-  for (int i = 0; i < c->model.n_out; i++)
-    for (int q = 0; q < 2; q++) s->drift[q][i] = 0.0;
-  for (int i = 0; i < c->model.n_out; i++) {
-    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S)
-      for (int q = 0; q < 2; q++) {
-        ahead[q] += FSW_TICK_S * rate[q];
-        rate[q] *= c->tuning.rate_keep;
-      }
-    for (int q = 0; q < 2; q++) s->drift[q][i] = ahead[q];
-  }
+  take_drifts(c);
   fsw_trajectories(c, in);
 }
 

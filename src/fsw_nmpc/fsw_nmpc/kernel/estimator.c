@@ -3,12 +3,17 @@
  * Three disturbances integrate, one per sensor: of the axial force, of the heat, and of the torque's scale; so the
  * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
  * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
- * minutes, so that every state stays detectable.
+ * minutes, so that every state stays detectable. They move at rates, which leak faster, so that ramps and slow sines are
+ * followed. The gain of the depth over the force is estimated as a factor on the model's; only moves of the force tell it.
  *
  * A measurement far off its expectation is a jump: its excess over the expected size widens the variances of what can
  * have jumped, and the measurements tell which has. For the depth these are the offset and the depth itself, which the
  * torque tells apart; the temperature of the process cannot jump. A single spike is a jump there and back: waiting for
- * a second sample would cost every disturbance a tick, and the moves of one tick are too small to do harm. */
+ * a second sample would cost every disturbance a tick, and the moves of one tick are too small to do harm.
+ *
+ * Innovations of the depth that have one sign for a second are a drift: likewise their excess widens the variance of the
+ * offset's rate, which is small at rest, so that noise moves the force little. The temperature has no such test: with its
+ * dead time, and a gain that is not the model's, the loop would not be stable. */
 #include <math.h>
 
 #include "internal.h"
@@ -24,15 +29,17 @@
 #define LARGEST_SCALE 2.5
 #define TORQUE_FACTOR 3.0 /* a torque sample further from its expectation is none */
 #define LEAST_TORQUE_NM 100.0
+/* share of the recent innovations' sum that is left after a tick: it covers about a second */
+#define RECENT_KEEP 0.9
+#define LEAST_GAIN 0.6
+#define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
-#define DRIFT_KEEP 0.9
-#define DRIFT_S 1.0
 #define LEAST_VARIANCE 1e-18
 /* share of the variance of a jump of the depth that is given to the sensor's offset; the tool's own depth gets the rest */
 #define OFFSET_SHARE 0.5
 /* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
 #define PEAK_NOISE_SHARE 0.3
-/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets */
+/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets, their rates, gain */
 static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2};
 
 enum { DEPTH, TORQUE, TEMPERATURE };
@@ -57,12 +64,13 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double pushed = e->acting_force_kn + x[FSW_FORCE] - m->operating_force_kn;
-  const double moved = m->operating_depth_mm + x[FSW_CREEP] + x[FSW_SLOW] + m->fast_gain * x[FSW_DEPTH_GAIN] * pushed;
+  const double fast_gain = x[FSW_DEPTH_GAIN] * m->fast_gain;
+  const double moved = m->operating_depth_mm + x[FSW_CREEP] + x[FSW_SLOW] + fast_gain * pushed;
   if (row) {
     for (int i = 0; i < N; i++) row[i] = 0.0;
     row[FSW_CREEP] = row[FSW_SLOW] = soft;
     row[FSW_TOOL] = m->softening_per_c * moved;
-    row[FSW_FORCE] = soft * m->fast_gain * x[FSW_DEPTH_GAIN];
+    row[FSW_FORCE] = soft * fast_gain;
     row[FSW_DEPTH_GAIN] = soft * m->fast_gain * pushed;
   }
   return soft * moved;
@@ -104,7 +112,7 @@ static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m) {
 }
 
 /* Begin at rest at a measurement; 0 if a sensor that is needed is missing or an input is absurd. */
-int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_input *in) {
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
   for (int k = 0; k < FSW_LATEST; k++) {
@@ -130,8 +138,11 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_DEPTH_GAIN] = 1.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
-  for (int i = 0; i < N; i++)
-    for (int j = 0; j < N; j++) e->p[i][j] = i == j ? START_DEVIATION[i] * START_DEVIATION[i] : 0.0;
+  for (int i = 0; i < N; i++) {
+    for (int j = 0; j < N; j++) e->p[i][j] = 0.0;
+    const int is_estimated = i < FSW_DEPTH_RATE || t->walk[i] > 0.0; /* rates and gain only where they may change */
+    if (is_estimated) e->p[i][i] = START_DEVIATION[i] * START_DEVIATION[i];
+  }
   for (int k = 0; k < m->n_history; k++) {
     e->history[3 * k] = power;
     e->history[3 * k + 1] = e->history[3 * k + 2] = 0.0;
@@ -140,21 +151,21 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->persistent[0] = e->persistent[1] = 0.0;
+  e->recent = 0.0;
   return e->started = is_sound(e, m);
 }
 
-/* Rows of a[] that do not change while it runs. */
-static void constant_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
-  const double *mode = m->modes;
+/* Rows of a[] but that of the motor torque. */
+static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
+  const double *mode = m->modes, gain = e->x[FSW_DEPTH_GAIN];
+  const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) e->a[i][j] = i == j ? 1.0 : 0.0;
-  const double gain = e->x[FSW_DEPTH_GAIN], pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
   e->a[FSW_CREEP][FSW_FORCE] = mode[0] * gain;
   e->a[FSW_CREEP][FSW_DEPTH_GAIN] = mode[0] * pushed;
-  e->a[FSW_SLOW][FSW_DEPTH_GAIN] = mode[2] * pushed;
   e->a[FSW_SLOW][FSW_SLOW] = mode[1];
   e->a[FSW_SLOW][FSW_FORCE] = mode[2] * gain;
+  e->a[FSW_SLOW][FSW_DEPTH_GAIN] = mode[2] * pushed;
   e->a[FSW_COPPER][FSW_COPPER] = mode[5];
   e->a[FSW_TOOL][FSW_COPPER] = mode[6];
   e->a[FSW_TOOL][FSW_TOOL] = mode[7];
@@ -186,10 +197,11 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
 static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
+  const double gain = x[FSW_DEPTH_GAIN], fast_gain = gain * m->fast_gain;
   const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
-  const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + m->fast_gain * x[FSW_DEPTH_GAIN] * pushed;
+  const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + fast_gain * pushed;
 
-  constant_rows(e, m, t);
+  linear_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
   const fsw_torque left = fsw_torque_at(m, force, deeper_than_zero(before));
   for (int i = 0; i < N; i++) left_row[i] *= scale * left.by_depth;
@@ -203,8 +215,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
     tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
   }
-  x[FSW_CREEP] += mode[0] * x[FSW_DEPTH_GAIN] * pushed;
-  x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + mode[2] * x[FSW_DEPTH_GAIN] * pushed;
+  x[FSW_CREEP] += gain * mode[0] * pushed;
+  x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + gain * mode[2] * pushed;
   x[FSW_COPPER] = copper;
   x[FSW_TOOL] = tool;
   const double soft = 1.0 + m->softening_per_c * tool, moved = settled + x[FSW_CREEP] + x[FSW_SLOW];
@@ -212,7 +224,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   for (int i = 0; i < N; i++)
     right_row[i] = scale * right.by_depth *
                    (soft * (e->a[FSW_CREEP][i] + e->a[FSW_SLOW][i]) + m->softening_per_c * moved * e->a[FSW_TOOL][i]);
-  right_row[FSW_FORCE] += scale * (right.by_force + right.by_depth * soft * m->fast_gain * x[FSW_DEPTH_GAIN]);
+  right_row[FSW_FORCE] += scale * (right.by_force + right.by_depth * soft * fast_gain);
   right_row[FSW_DEPTH_GAIN] += scale * right.by_depth * soft * m->fast_gain * pushed;
   right_row[FSW_SCALE] += right.value;
 
@@ -267,18 +279,15 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
     for (int j = 0; j < N; j++) e->p[i][j] -= cross[i] * cross[j] / expected;
 }
 
-/* Innovations of one sign over a second are a drift: as with a jump the excess widens the variance of the offset's rate. */
-static void take_drift(fsw_estimator *e, const fsw_nmpc_tuning *t, int q, int sensor, int state) {
-  const double before = e->persistent[q];
-  double size = e->innovation[sensor] / sqrt(e->expected[sensor]);
-  size = fsw_clip(size, -t->jump_sigmas, t->jump_sigmas);
-  e->persistent[q] = DRIFT_KEEP * before + size;
-  const double excess = (1.0 - DRIFT_KEEP * DRIFT_KEEP) * e->persistent[q] * e->persistent[q] - t->drift_sigmas * t->drift_sigmas;
-  if (!(t->drift_sigmas > 0.0 && excess > 0.0)) return;
-  /* mean innovation over a second, as a rate */
-  const double rate = (1.0 - DRIFT_KEEP) * e->persistent[q] * sqrt(e->expected[sensor]) / DRIFT_S;
-  e->p[state][state] += rate * rate;
-  e->persistent[q] = 0.0;
+/* After an update of the depth: whether its recent innovations are a drift, and if so, a wider variance of the rate. */
+static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
+  const double deviation = sqrt(e->expected[DEPTH]);
+  e->recent = RECENT_KEEP * e->recent + fsw_clip(e->innovation[DEPTH] / deviation, -t->jump_sigmas, t->jump_sigmas);
+  const double variance = 1.0 / (1.0 - RECENT_KEEP * RECENT_KEEP); /* of the sum, while innovations are white */
+  if (!(t->drift_sigmas > 0.0 && e->recent * e->recent > t->drift_sigmas * t->drift_sigmas * variance)) return;
+  const double rate = (1.0 - RECENT_KEEP) * e->recent * deviation; /* mean innovation in about a second, per second */
+  e->p[FSW_DEPTH_RATE][FSW_DEPTH_RATE] += rate * rate;
+  e->recent = 0.0;
 }
 
 static void clear_row(double row[N]) {
@@ -310,7 +319,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     jumping[FSW_DEPTH_OFFSET] = sqrt(OFFSET_SHARE);
     jumping[FSW_CREEP] = sqrt(1.0 - OFFSET_SHARE);
     update(e, t, DEPTH, row, in->depth_mm - shown, t->noise[DEPTH], jumping);
-    take_drift(e, t, 0, DEPTH, FSW_DEPTH_RATE);
+    widen_rate(e, t);
   }
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(rise_c))) {
@@ -319,7 +328,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
   }
-  e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], 0.6, 1.6);
+  e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
 }
 

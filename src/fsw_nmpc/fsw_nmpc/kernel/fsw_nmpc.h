@@ -92,9 +92,9 @@ typedef struct {
   double noise[3];             /* standard deviations: depth, torque, temperature */
   double walk[FSW_STATES];     /* random walk of each state per tick */
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
-  double rate_keep;            /* of their rates likewise */
+  double rate_keep;            /* likewise of their rates */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
-  double drift_sigmas;         /* a mean of late innovations further off is a drift; 0: never */
+  double drift_sigmas;         /* innovations of the depth whose recent sum is further off are a drift; 0: never */
   double blind_limit_s;        /* longest time without a sensor */
 } fsw_nmpc_tuning;
 
@@ -160,8 +160,9 @@ typedef struct {
   double history[3 * FSW_MAX_HISTORY];     /* power deviation P0, P1, P2 of each tick (predict.c), oldest first */
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
-  double speed_offset_rpm, depth_gain;
-  double drift[2][FSW_MAX_OUT];            /* of the offsets until each output point */
+  double speed_offset_rpm;
+  double depth_gain;                       /* factor on the model's */
+  double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
 } fsw_start;
 
 /* One tick's problem: start, and the dead-bands about the trajectories. */
@@ -178,8 +179,7 @@ typedef struct {
   double offset[2];                        /* what the drives add to the command */
   double blind_s[3];
   int started;
-  double persistent[2];                    /* sum of late innovations of depth and temperature, in their deviations */
-  double depth_moved;                      /* excitation of the gain */
+  double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 

@@ -15,7 +15,7 @@ fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_
 double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 
 /* estimator.c */
-int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_input *in);
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 

@@ -156,7 +156,8 @@ static void authority(const fsw_nmpc *c, double copper_c, approach *depth, appro
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
     force_rate = force_rate < followed ? force_rate : followed;
   }
-  const double gain = x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]), centre = m->operating_force_kn - x[FSW_FORCE];
+  const double gain = x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]);
+  const double centre = m->operating_force_kn - x[FSW_FORCE];
   depth->least_rate = gain * (low - centre < -LEAST_FORCE_KN ? low - centre : -LEAST_FORCE_KN);
   depth->top_rate = gain * (high - centre > LEAST_FORCE_KN ? high - centre : LEAST_FORCE_KN);
   depth->acceleration = SMOOTHED * gain * force_rate;
@@ -178,13 +179,15 @@ static motion depth_now(const fsw_nmpc *c) {
   motion now;
   now.output = now.steered = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
   const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
-  const double own = e->x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]) * pushed + m->slow_pole * e->x[FSW_SLOW];
-  now.rate = e->x[FSW_DEPTH_RATE] + row[FSW_CREEP] * own + row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
+  const double gain = e->x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]);
+  const double own = gain * pushed + m->slow_pole * e->x[FSW_SLOW];
+  const double softer = row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
+  now.rate = row[FSW_CREEP] * own + softer + e->x[FSW_DEPTH_RATE];
   return now;
 }
 
 /* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate then under the power
- * that goes in now: nothing that is done now changes them. */
+ * that goes in now: nothing that is done now changes them. `copper_c` gets the copper's deviation without offset. */
 static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
