@@ -8,7 +8,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import PAPER_GRID_S, horizon_of
 from fsw_nmpc.library import KERNEL
-from fsw_test_support.nmpc_prediction import N_START, prediction_function, start_vector
+from fsw_test_support.nmpc_prediction import n_start, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, predict, random_moves, random_start
 
 P = nominal()
@@ -18,7 +18,7 @@ def start_from(state, force_kn, speed_rpm):
     """What a prediction from a state of the process starts from: the model's power without its parabola."""
     creep, slow, _, copper, tool, motor = state.x
     x = (creep, slow, copper, tool, motor)
-    start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm, torque_scale=1.0)
+    start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm, torque_scale=1.0, depth_gain=1.0)
     history = np.array([(p0, p1 + p2, p3) for p0, p1, p2, p3 in state.power])
     start.history[0 : history.size] = history.ravel().tolist()
     return start
@@ -70,13 +70,13 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     library = make_library(20, p)
     h = library.horizon
     expression = prediction_function(p, h)
-    given = [ca.SX.sym("moves", 40), ca.SX.sym("start", N_START), ca.SX.sym("history", 3 * h.n_history)]
+    given = [ca.SX.sym("moves", 40), ca.SX.sym("start", n_start(h)), ca.SX.sym("history", 3 * h.n_history)]
     outputs = ca.vertcat(*expression(*given))
     both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
         depth, temperature, by_depth, by_temperature = predict(library, start, moves)
-        values, slopes = both(moves, start_vector(start), list(start.history[0 : 3 * h.n_history]))
+        values, slopes = both(moves, start_vector(start, h), list(start.history[0 : 3 * h.n_history]))
         assert np.concatenate([depth, temperature]) == pytest.approx(values.full().ravel(), rel=1e-12)
         assert np.vstack([by_depth, by_temperature]) == pytest.approx(slopes.full(), rel=1e-9, abs=1e-11)
 

@@ -111,7 +111,7 @@ class ReferenceSolver:
         reached = np.concatenate([h.depth_width > 0, h.temperature_width > 0])
         weight = np.repeat(list(t.weight), n_out) * reached
         input_low, input_high = input_bounds(problem, t, h)
-        start, history = start_vector(problem.start), list(problem.start.history[0 : 3 * h.n_history])
+        start, history = start_vector(problem.start, h), list(problem.start.history[0 : 3 * h.n_history])
         parameter = np.concatenate(
             [
                 start, history, largest,
@@ -144,5 +144,5 @@ class ReferenceSolver:
 
     def _outputs(self, problem: Any, moves: Vector) -> tuple[Vector, Vector]:
         history = list(problem.start.history[0 : 3 * self._library.horizon.n_history])
-        depth, temperature = self._predict(moves, start_vector(problem.start), history)
+        depth, temperature = self._predict(moves, start_vector(problem.start, self._library.horizon), history)
         return depth.full().ravel(), temperature.full().ravel()

@@ -12,12 +12,17 @@ from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, proce
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Vector
 
-#: Length of the vector that holds everything a prediction starts from, apart from the power history.
-N_START = 13
+#: Length of the vector that holds everything a prediction starts from, apart from the drifts and the power history.
+N_START = 14
 
 
-def start_vector(start: Any) -> Vector:
-    """The ``start`` of :func:`prediction_function`, shape (13,)."""
+def n_start(horizon: Horizon) -> int:
+    """Length of the ``start`` of :func:`prediction_function`."""
+    return N_START + 2 * horizon.n_out
+
+
+def start_vector(start: Any, horizon: Horizon) -> Vector:
+    """The ``start`` of :func:`prediction_function`, shape (n_start(horizon),)."""
     s = start
     offsets = [
         s.force_offset_kn,
@@ -26,26 +31,32 @@ def start_vector(start: Any) -> Vector:
         s.depth_offset_mm,
         s.temp_offset_c,
         s.speed_offset_rpm,
+        s.depth_gain,
     ]
-    return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets])
+    drifts = [float(s.drift[q][i]) for q in range(2) for i in range(horizon.n_out)]
+    return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets, *drifts])
 
 
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:
-    """CasADi function (moves, start (13,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
+    """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
-    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale and the
-    offsets of depth, temperature and speed; ``history`` the power's coefficients, oldest first.
+    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the offsets
+    of depth, temperature and speed, the factor on the depth's gain, and how far the offsets of depth and temperature drift
+    until each output point; ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
-    start = ca.SX.sym("start", N_START)
+    start = ca.SX.sym("start", n_start(horizon))
     history = ca.SX.sym("history_kw", 3 * horizon.n_history)
     creep, slow, copper, tool, motor = ca.vertsplit(start[:5])
     force, speed = start[5], start[6]
-    force_offset, heat_offset, scale, depth_offset, temperature_offset, speed_offset = ca.vertsplit(start[7:])
+    force_offset, heat_offset, scale, depth_offset, temperature_offset, speed_offset, depth_gain = ca.vertsplit(
+        start[7:N_START]
+    )
+    depth_drift, temperature_drift = ca.vertsplit(start[N_START:], horizon.n_out)
     segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
     poles, gains = depth_modes(p)
-    fast_gain = -gains[2] / poles[2]
+    fast_gain = -depth_gain * gains[2] / poles[2]
 
     depths: list[ca.SX] = []
     temperatures: list[ca.SX] = []
@@ -61,7 +72,7 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
         settled = p.operating_depth_mm + fast_gain * pushed
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         left = scale * process_torque_nm(p, acting, depth)
-        creep, slow = creep + creep_gain * pushed, decay * slow + gain * pushed
+        creep, slow = creep + depth_gain * creep_gain * pushed, decay * slow + depth_gain * gain * pushed
         copper, tool = cc * copper + heat_copper * heat_offset, tc * copper + tt * tool + heat_tool * heat_offset
         for e in range(horizon.weight_start[k], horizon.weight_start[k + 1]):
             arriving = ca.DM(horizon.weight[e].reshape(2, 3)) @ segments[horizon.weight_segment[e]]
@@ -75,8 +86,9 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
         segments.append(power_kw(ca.vertcat(begin, rise, rest), turning) - ca.DM([p.operating_power_kw, 0.0, 0.0]))
         motor = begin + rise + friction + motor_decay * rest
         if horizon.out_step[interval] == k:
-            depths.append(depth + depth_offset)
-            temperatures.append(p.operating_temperature_c + tool + temperature_offset)
+            depths.append(depth + depth_offset + depth_drift[len(depths)])
+            shown = p.operating_temperature_c + tool + temperature_offset
+            temperatures.append(shown + temperature_drift[len(temperatures)])
     return ca.Function(
         "prediction",
         [moves, start, history],

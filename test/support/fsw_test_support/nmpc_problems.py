@@ -133,7 +133,10 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         depth_offset_mm=rng.normal(0.0, 0.05),
         temp_offset_c=rng.normal(0.0, 3.0),
         speed_offset_rpm=rng.normal(0.0, 2.0),
+        depth_gain=rng.uniform(0.7, 1.4),
     )
+    for q, rate in enumerate(rng.normal(0.0, (2e-3, 0.2))):
+        start.drift[q][0 : horizon.n_out] = (30.0 * rate * -np.expm1(-horizon.time_s / 30.0)).tolist()
     start.history[0 : 3 * n] = history.ravel().tolist()
     return start
 
