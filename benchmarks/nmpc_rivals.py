@@ -21,7 +21,7 @@ from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, proce
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Library, SolveStatus, Vector
 from fsw_test_support.nmpc_ipopt import ReferenceSolver
-from fsw_test_support.nmpc_prediction import start_vector
+from fsw_test_support.nmpc_prediction import N_START, start_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +84,14 @@ def one_step(
     end of the step.
     """
     creep, slow, copper, tool, motor = state
-    force_offset, heat_offset, scale, speed_offset = disturbances
+    force_offset, heat_offset, scale, speed_offset, gain = disturbances
     poles, gains = depth_modes(p)
     acting, speed = inputs[0] + force_offset, inputs[1] + speed_offset
     pushed = acting - p.operating_force_kn
-    settled = p.operating_depth_mm + float(-gains[2] / poles[2]) * pushed
+    settled = p.operating_depth_mm + gain * float(-gains[2] / poles[2]) * pushed
     depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
     left = kept(scale * process_torque_nm(p, acting, depth))
-    creep, slow = kept(creep + mode[0] * pushed), kept(mode[1] * slow + mode[2] * pushed)
+    creep, slow = kept(creep + gain * mode[0] * pushed), kept(mode[1] * slow + gain * mode[2] * pushed)
     tool = kept(mode[6] * copper + mode[7] * tool + mode[9] * heat_offset + arriving[1])
     copper = kept(mode[5] * copper + mode[8] * heat_offset + arriving[0])
     depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
@@ -107,16 +107,17 @@ def one_step(
     return [creep, slow, copper, tool, motor], power, depth
 
 
-def disturbances_of(start: Sequence[float]) -> tuple[float, float, float, float]:
-    """What :func:`one_step` is told of a start vector: force offset, heat offset, torque scale, speed offset."""
-    return start[7], start[8], start[9], start[12]
+def disturbances_of(start: Sequence[float]) -> tuple[float, ...]:
+    """What :func:`one_step` is told of a start vector: offsets of force and heat, scale, offset of speed, depth's gain."""
+    return start[7], start[8], start[9], start[12], start[13]
 
 
 def along(
     p: ModelParameters, h: Horizon, problem: Any, moves: Sequence[Any], kept: Kept
 ) -> Iterator[tuple[int, Any, Any, Any, Any]]:
     """The whole prediction: interval, depth, temperature, force, speed at every output point."""
-    start = start_vector(problem.start).tolist()
+    start = start_vector(problem.start, h).tolist()
+    depth_drift, temperature_drift = start[N_START : N_START + h.n_out], start[N_START + h.n_out :]
     state, force, speed, depth_offset, temperature_offset = start[:5], start[5], start[6], start[10], start[11]
     disturbances = disturbances_of(start)
     history = list(problem.start.history[0 : 3 * h.n_history])
@@ -134,8 +135,8 @@ def along(
         state, power, depth = one_step(p, mode, state, (force, speed), disturbances, arriving, kept)
         segments.append(power)
         if h.out_step[interval] == k:
-            temperature = p.operating_temperature_c + state[3] + temperature_offset
-            yield interval, depth + depth_offset, temperature, force, speed
+            temperature = p.operating_temperature_c + state[3] + temperature_offset + temperature_drift[interval]
+            yield interval, depth + depth_offset + depth_drift[interval], temperature, force, speed
 
 
 def gekko_apopt(p: ModelParameters, h: Horizon, t: Any) -> Solve:
@@ -243,7 +244,7 @@ class DoMpc:
             model.set_variable("_u", name)
         table = model.set_variable("_tvp", "table", (width, 1))
         model.set_variable("_tvp", "band", (4, 1))
-        disturbance = model.set_variable("_tvp", "disturbance", (4, 1))
+        disturbance = model.set_variable("_tvp", "disturbance", (5, 1))
         inputs = [before[q] + move[q] for q in range(2)]
         weight = ca.reshape(table[10:], 6, n_line).T
         arriving = [ca.sum1(ca.sum2(weight[:, 3 * i : 3 * i + 3] * line)) for i in range(2)]
@@ -297,13 +298,15 @@ class DoMpc:
 
     def __call__(self, problem: Any) -> Answer:
         h, t, mpc = self._h, self._t, self._mpc
-        start = start_vector(problem.start)
+        start = start_vector(problem.start, h)
+        drifts = start[N_START:].reshape(2, -1)
         bands = np.tile([-np.inf, np.inf] * 2, (self._n_steps, 1))
         shown = 0.0, self._p.operating_temperature_c  # where the outputs that the constraints are on are zero
         for q in range(2):
-            offset, used = start[10 + q] + shown[q], h.out_step[self._reached[:, q]]
+            reached = self._reached[:, q]
+            offset, used = start[10 + q] + shown[q] + drifts[q][reached], h.out_step[reached]
             for column, values in enumerate((problem.low[q], problem.high[q])):
-                bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[self._reached[:, q]] - offset
+                bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[reached] - offset
         self._bands, self._disturbance = np.clip(bands, -1e4, 1e4), np.array(disturbances_of(start))
         history = np.array(list(problem.start.history[0 : 3 * h.n_history])).reshape(-1, 3)
         first = np.concatenate([start[:7], history.ravel(order="F")])
