@@ -108,7 +108,7 @@ def one_step(
 
 
 def disturbances_of(start: Sequence[float]) -> tuple[float, ...]:
-    """What :func:`one_step` is told of a start vector: offsets of force and heat, scale, offset of speed, depth's gain."""
+    """What :func:`one_step` is told of a start: offsets of force and heat, scale, offset of speed, depth's gain."""
     return start[7], start[8], start[9], start[12], start[13]
 
 

@@ -40,9 +40,9 @@ def start_vector(start: Any, horizon: Horizon) -> Vector:
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:
     """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
-    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the offsets
-    of depth, temperature and speed, the factor on the depth's gain, and how far the offsets of depth and temperature drift
-    until each output point; ``history`` the power's coefficients, oldest first.
+    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the
+    offsets of depth, temperature and speed, the factor on the depth's gain, and how far the offsets of depth and
+    temperature drift until each output point; ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
