@@ -33,6 +33,17 @@ _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
     "force_kn": ("force [N]", units.n_from_kn),
     "speed_rpm": ("speed [rad/s]", units.rad_s_from_rpm),
     "power_kw": ("power [W]", units.w_from_kw),
+    "attainable_depth_mm": ("attainable_depth [m]", units.m_from_mm),
+    "attainable_temperature_c": ("attainable_temperature [degC]", float),
+    "copper_temperature_c": ("copper_temperature [degC]", float),
+    "depth_rate_mm_per_s": ("depth_rate [m/s]", units.m_from_mm),
+    "temperature_rate_c_per_s": ("temperature_rate [degC/s]", float),
+    "force_deviation_kn": ("force_deviation [N]", units.n_from_kn),
+    "power_deviation_kw": ("power_deviation [W]", units.w_from_kw),
+    "depth_deviation_mm": ("depth_deviation [m]", units.m_from_mm),
+    "temperature_deviation_c": ("temperature_deviation [degC]", float),
+    "depth_rate_deviation_mm_per_s": ("depth_rate_deviation [m/s]", units.m_from_mm),
+    "temperature_rate_deviation_c_per_s": ("temperature_rate_deviation [degC/s]", float),
 }
 
 

@@ -83,6 +83,8 @@ def test_quantities_are_converted_by_their_exact_names():
             "temperature_c": -3.0,
             "torque_nm": 7.0,
             "torque_scale": 1.1,
+            "depth_rate_mm_per_s": 3.0,
+            "force_deviation_kn": 0.1,
             "axial_force [kN]": 4.0,
             "inner_mm": 5.0,
         }
@@ -97,6 +99,8 @@ def test_quantities_are_converted_by_their_exact_names():
             "temperature [degC]": -3.0,
             "torque [N m]": 7.0,
             "torque_scale": 1.1,
+            "depth_rate [m/s]": 3e-3,
+            "force_deviation [N]": 100.0,
             "axial_force [kN]": 4.0,
             "inner_mm": 5.0,
         }

@@ -35,7 +35,7 @@ _DECENTRAL = {name: name for name in Gains.model_fields} | {
 _TYPE = {"real": "Real", "int": "Integer", "bool": "Boolean"}
 #: parameters of the NMPC's node that its FMU has as its own
 _NMPC = (
-    *("depth_aggressiveness", "temperature_aggressiveness", "calmness", "depth_priority"),
+    *("depth_aggressiveness", "temperature_aggressiveness", "calmness"),
     *("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step"),
     *("blind_limit", "max_iterations", "plan_reuse"),
 )

@@ -82,6 +82,7 @@ NMPC_OUTPUTS = (
     Signal("torque_scale", "real", "", "estimate: factor on the process torque", "disturbance[2]"),
     Signal("depth_offset_mm", "real", "mm", "estimate: offset of the depth sensor", "disturbance[3]"),
     Signal("temperature_offset_c", "real", "degC", "estimate: offset of the thermocouple", "disturbance[4]"),
+    Signal("depth_gain", "real", "", "estimate: factor on the gain of the depth over the force", "disturbance[7]"),
 )
 
 DECENTRAL_INPUTS = (

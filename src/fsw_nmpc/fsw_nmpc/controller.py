@@ -13,7 +13,28 @@ from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus
 from fsw_nmpc.settings import Settings
 
-_DISTURBANCES = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c")
+#: estimates of the estimator, in the library's order; depth and temperature are the offsets of their sensors
+_DISTURBANCES = (
+    "force_kn",
+    "power_kw",
+    "torque_scale",
+    "depth_mm",
+    "temperature_c",
+    "depth_rate_mm_per_s",
+    "temperature_rate_c_per_s",
+    "depth_gain",
+)
+#: their standard deviations
+_DEVIATIONS = (
+    "force_deviation_kn",
+    "power_deviation_kw",
+    "torque_scale_deviation",
+    "depth_deviation_mm",
+    "temperature_deviation_c",
+    "depth_rate_deviation_mm_per_s",
+    "temperature_rate_deviation_c_per_s",
+    "depth_gain_deviation",
+)
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
 _STATUS_TEXTS = {
     SolveStatus.OK: "solved",
@@ -158,7 +179,13 @@ class NmpcController:
             depth_estimate_mm=outputs.depth_mm,
             temperature_estimate_c=outputs.temperature_c,
             torque_estimate_nm=outputs.torque_nm,
-            disturbances=dict(zip(_DISTURBANCES, outputs.disturbance, strict=True)),
+            disturbances={
+                "attainable_depth_mm": outputs.attainable[0],
+                "attainable_temperature_c": outputs.attainable[1],
+                "copper_temperature_c": outputs.copper_c,
+                **dict(zip(_DISTURBANCES, outputs.disturbance, strict=True)),
+                **dict(zip(_DEVIATIONS, outputs.deviation, strict=True)),
+            },
             solver_status=f"rti: {_STATUS_TEXTS[outputs.solve_status]}",
             iterations=outputs.iterations,
             solve_time_s=perf_counter() - began,

@@ -23,6 +23,7 @@ Reason = KERNEL.enum("fsw_reason", "FSW_")
 Missing = KERNEL.enum("fsw_missing", "FSW_NO_")
 State = KERNEL.enum("fsw_state", "FSW_")
 Trajectory = KERNEL.enum("fsw_trajectory", "FSW_")
+Priority = KERNEL.enum("fsw_priority", "FSW_KEEP_")
 
 
 class Tables:

@@ -19,6 +19,7 @@ class Settings:
     model: ModelParameters
     tuning: Tuning
     limits: Limits
+    priority: str
     max_iterations: int
     plan_reuse: int
     blind_limit_s: float
@@ -26,7 +27,9 @@ class Settings:
 
     def struct(self) -> Any:
         """The library's part of the settings."""
-        return self.tuning.struct(self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s)
+        return self.tuning.struct(
+            self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s, priority=self.priority
+        )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
@@ -42,13 +45,12 @@ class Settings:
         tuning = Tuning.preset(v["preset"], model)
         if v["tuning_file"]:
             tuning = Tuning.from_file(v["tuning_file"], tuning)
-        tuning = tuning.with_knobs(
-            v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"], v["depth_priority"]
-        )
+        tuning = tuning.with_knobs(v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"])
         return cls(
             model=model,
             tuning=tuning,
             limits=Limits.of(v),
+            priority=v["priority"],
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
             blind_limit_s=v["blind_limit"],

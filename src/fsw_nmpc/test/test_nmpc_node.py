@@ -96,7 +96,7 @@ def test_parameters_at_runtime(peer):
     changes = [
         Parameter("preset", value="paper"),
         Parameter("calmness", value=2.0),
-        Parameter("depth_priority", value=2.0),
+        Parameter("priority", value="balance"),
     ]
     assert all(result.successful for result in peer.node.set_parameters(changes))
     refused = peer.node.set_parameters([Parameter("calmness", value=33.0)])[0]

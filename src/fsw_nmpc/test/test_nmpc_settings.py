@@ -98,7 +98,7 @@ def test_all_numbers_have_a_range():
     assert all(s.range is not None for s in load("fsw_nmpc", "nmpc.yaml").values() if s.type in ("double", "int"))
 
 
-@pytest.mark.parametrize("knob", ["depth_aggressiveness", "temperature_aggressiveness", "calmness", "depth_priority"])
+@pytest.mark.parametrize("knob", ["depth_aggressiveness", "temperature_aggressiveness", "calmness"])
 def test_every_knob_does_something_and_one_is_neutral(knob):
     assert Tuning().with_knobs(**{knob: 1.0}) == Tuning()
     assert Tuning().with_knobs(**{knob: 2.0}) != Tuning()
@@ -114,7 +114,7 @@ def test_runtime_change_of_everything_without_a_bump():
         step(controller)
     for values in (
         {"preset": "paper"},
-        {"calmness": 2.0, "depth_aggressiveness": 0.5, "depth_priority": 3.0},
+        {"calmness": 2.0, "depth_aggressiveness": 0.5, "priority": "temperature"},
         {"preset": "default"},
     ):
         assert controller.check(values) is None

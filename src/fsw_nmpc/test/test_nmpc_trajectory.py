@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_nmpc.tuning import PAPER, Tuning
+from fsw_control import Limits
+from fsw_model import nominal
+from fsw_model.equations import process_torque_nm
+from fsw_nmpc.tuning import PAPER, PRIORITIES, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 NAN = float("nan")
@@ -16,9 +19,11 @@ def library():
     return make_library(20)
 
 
-def trajectories(library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks=1, changes=()):
+def trajectories(
+    library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks=1, changes=(), limits=LIMITS, priority="depth"
+):
     """Depth and temperature over the horizon at rest at the operating point, for set-points."""
-    library.configure((tuning or Tuning()).struct(LIMITS))
+    library.configure((tuning or Tuning()).struct(limits, priority=priority))
     library.reset(78.4, 407.57607824382967)
     given_, h = library.input, library.horizon
     given_.depth_mm, given_.torque_nm, given_.temperature_c = 2.66, 1052.8585402958927, 816.4
@@ -120,3 +125,60 @@ def test_a_large_temperature_step_leaves_the_depth_its_force(library):
     kn_per_rate = 2.66 * 0.0021 / (0.0016 * 29.6 / 14.7)
     softer = 1.0 + 18.1 / 30.5 * fastest_kw / 78.4 * kn_per_rate  # torque is about proportional to force
     assert 2.5 < rate.max() <= 18.1 / 30.5 * (fastest_kw - 43.6) / softer
+
+
+def held_temperature_c(speed_rpm, depth_mm):
+    """The temperature that a speed holds at a depth on the undisturbed process: (17)-(27) at rest."""
+    p = nominal()
+    power_kw = process_torque_nm(p, p.operating_force_kn, depth_mm) * speed_rpm * np.pi / 30_000.0
+    return p.operating_temperature_c + p.thermal_gain_c_per_kw * (power_kw - p.operating_power_kw)
+
+
+def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, **bounds):
+    """What the set-points in force are replaced by."""
+    wide = tuning or Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
+    trajectories(library, depth_mm, temperature_c, tuning=wide, limits=Limits(**bounds), priority=priority)
+    return tuple(library.output.attainable)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    depth_mm=st.floats(2.0, 3.2),
+    off_c=st.one_of(st.floats(-60.0, -0.1), st.floats(0.1, 60.0)),
+    bound_rpm=st.floats(310.0, 490.0),
+    priority=st.sampled_from(PRIORITIES),
+)
+def test_set_points_beyond_the_speed_give_way_as_the_priority_says(library, depth_mm, off_c, bound_rpm, priority):
+    """The depth gives way within its quality limit and no more than it has to; the temperature is one that is held."""
+    bounds = {"speed_min_rpm" if off_c < 0.0 else "speed_max_rpm": bound_rpm}
+    held = held_temperature_c(bound_rpm, depth_mm)
+    depth, temperature = attainable(library, depth_mm, held + off_c, priority, **bounds)
+    away, reach = depth - depth_mm, held_temperature_c(bound_rpm, depth_mm + np.copysign(0.1, off_c)) - held
+    given_way = {"depth": 0.0, "balance": 0.5, "temperature": 1.0}[priority] * off_c
+    assert temperature - held == pytest.approx(min(given_way, reach, key=abs), abs=1e-3)
+    assert held_temperature_c(bound_rpm, depth) == pytest.approx(temperature, abs=1e-3)
+    assert abs(away) <= 0.1 + 1e-9 and away * off_c >= 0.0
+    if priority == "depth":
+        assert away == 0.0
+
+
+@pytest.mark.parametrize("priority", PRIORITIES)
+def test_set_points_within_reach_stay(library, priority):
+    assert attainable(library, 2.76, 830.0, priority) == (2.76, 830.0)
+
+
+def test_quality_limits_of_the_temperature_come_before_the_depth(library):
+    """The slowest speed would hold 819 degC: the depth gives way until 815 degC are held, and no further."""
+    limited = Tuning(quality_temperature_min_c=700.0, quality_temperature_max_c=815.0)
+    assert held_temperature_c(409.0, 2.66) > 818.0
+    depth, temperature = attainable(library, 2.66, 805.0, tuning=limited, speed_min_rpm=409.0)
+    assert temperature == pytest.approx(815.0, abs=1e-3)
+    assert held_temperature_c(409.0, depth) == pytest.approx(815.0, abs=1e-3)
+
+
+def test_trajectories_end_at_attainable_set_points(library):
+    """At rest where the slowest speed holds the temperature, a colder set-point moves nothing."""
+    rpm = 407.57607824382967
+    _, paths, _ = trajectories(library, temperature_c=800.0, limits=Limits(speed_min_rpm=rpm))
+    assert paths[0] == pytest.approx(2.66, abs=1e-9)
+    assert paths[1] == pytest.approx(816.4, abs=1e-6)

@@ -3,7 +3,7 @@
 static int controller_tune(controller_tuning *t, const fmu_reals *v, const fmu_integers *n, char *message) {
   const double faster[2] = {v->depth_aggressiveness / START_DEPTH_AGGRESSIVENESS,
                             v->temperature_aggressiveness / START_TEMPERATURE_AGGRESSIVENESS};
-  const double calmer = v->calmness / START_CALMNESS, depth_first = v->depth_priority / START_DEPTH_PRIORITY;
+  const double calmer = v->calmness / START_CALMNESS;
   const double move_max[2] = {v->force_step, v->speed_step};
   *t = fsw_nmpc_exported_tuning;
   for (int q = 0; q < 2; q++) {
@@ -20,8 +20,6 @@ static int controller_tune(controller_tuning *t, const fmu_reals *v, const fmu_i
     t->move_square[q] *= calmer * share * share;
     t->move_max[q] = move_max[q];
   }
-  t->weight[0] *= depth_first;
-  t->square[0] *= depth_first;
   for (int i = 0; i < FSW_STATES; i++) t->walk[i] /= calmer;
   t->input_min[0] = v->force_min;
   t->input_max[0] = v->force_max;

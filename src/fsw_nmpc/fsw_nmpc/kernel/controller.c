@@ -86,8 +86,9 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
-  const double one[6] = {t->tolerance, t->offset_keep, t->rate_keep, t->jump_sigmas, t->drift_sigmas, t->blind_limit_s};
-  for (int i = 0; i < 6; i++) add(one[i], &sum, &least);
+  const double one[9] = {t->tolerance,    t->offset_keep,   t->rate_keep,        t->jump_sigmas,      t->drift_sigmas,
+                         t->blind_limit_s, t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1]};
+  for (int i = 0; i < 9; i++) add(one[i], &sum, &least);
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {
@@ -99,6 +100,8 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   }
   if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0 || t->rate_keep > 1.0) return 0;
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED) return 0;
+  if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
+  if (t->quality_temp_c[0] > t->quality_temp_c[1]) return 0;
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
 }
 
@@ -229,11 +232,13 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
 
 static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int shown[5] = {FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET};
+  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,     FSW_DEPTH_OFFSET,
+                                           FSW_TEMP_OFFSET, FSW_DEPTH_RATE, FSW_TEMP_RATE, FSW_DEPTH_GAIN};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
-  for (int i = 0; i < 5; i++) {
+  out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
+  for (int i = 0; i < FSW_ESTIMATES; i++) {
     out->disturbance[i] = e->x[shown[i]];
     out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
   }
@@ -254,9 +259,10 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   out->bad_cycles = c->bad_cycles;
   out->bad_in_a_row = c->bad_in_a_row;
   out->gap = out->primal_residual = out->dual_residual = out->cost = 0.0;
+  for (int q = 0; q < 2; q++) out->attainable[q] = c->reference[q];
   if (!estimate(c, in)) {
-    out->depth_mm = out->temperature_c = out->torque_nm = 0.0;
-    for (int i = 0; i < 5; i++) out->disturbance[i] = out->deviation[i] = 0.0;
+    out->depth_mm = out->temperature_c = out->torque_nm = out->copper_c = 0.0;
+    for (int i = 0; i < FSW_ESTIMATES; i++) out->disturbance[i] = out->deviation[i] = 0.0;
     out->reason = FSW_WAITING_FOR_SENSORS;
     return 0;
   }
@@ -264,6 +270,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   out->reason = FSW_WAITING_FOR_REFERENCE;
   if (!c->has_reference) return 0;
   pose(c, in);
+  for (int q = 0; q < 2; q++) out->attainable[q] = c->attainable[q];
   return 1;
 }
 

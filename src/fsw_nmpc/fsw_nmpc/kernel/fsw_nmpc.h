@@ -37,6 +37,7 @@ enum {
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
   FSW_STATES = 13,
+  FSW_ESTIMATES = 8,                         /* of fsw_nmpc_output */
   FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
 };
 
@@ -76,13 +77,18 @@ typedef struct {
 /* Reference trajectories, see trajectory.c. */
 typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED } fsw_trajectory;
 
+/* Which set-point the approach keeps where the inputs' bounds do not permit both. */
+typedef enum { FSW_KEEP_DEPTH, FSW_KEEP_BALANCE, FSW_KEEP_TEMPERATURE } fsw_priority;
+
 typedef struct {
-  int trajectory;
+  int trajectory, priority;
   int max_iterations;          /* of the interior-point method */
   int plan_reuse;              /* ticks that a failed solve is bridged by the last plan */
   double time_s[2];            /* time constants of the trajectories */
   double corridor_decay[2];    /* exp(-tick / time_s) */
   double dead_band[2];
+  double quality_depth_mm;     /* the depth is not taken further from its set-point for the temperature */
+  double quality_temp_c[2];    /* limits that the temperature keeps before the depth keeps its set-point */
   double weight[2];            /* L1 cost outside the dead-band, per output point; 0: none */
   double square[2];            /* quadratic cost on the deviation from the trajectory; 0: none */
   double move_weight[2];       /* L1 cost of an interval's move, per kN and per rpm */
@@ -148,7 +154,11 @@ typedef struct {
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
-  double disturbance[5], deviation[5];     /* force, heat, torque scale, offsets of depth and temperature */
+  double copper_c;                         /* estimate: temperature of the copper */
+  double attainable[2];                    /* set-points, or what replaces those that the inputs cannot hold together */
+  /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and temperature, their rates,
+   * factor on the gain of the depth */
+  double disturbance[FSW_ESTIMATES], deviation[FSW_ESTIMATES];
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
   double plan_force_kn[FSW_MAX_OUT], plan_speed_rpm[FSW_MAX_OUT];
@@ -200,7 +210,7 @@ typedef struct {
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the trajectories of the last tick */
   int has_corridor, has_rate, has_reference;
-  double applied[2], reference[2], late_s;
+  double applied[2], reference[2], attainable[2], late_s;
   double unclipped[2];                     /* what is applied, before it is clipped to the bounds */
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;

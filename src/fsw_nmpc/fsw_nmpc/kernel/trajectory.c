@@ -6,6 +6,7 @@
  * arrives whatever is done now, and what is steered is the copper, which the tool follows with its lag. So a disturbance
  * is met as a set-point is, and the loop has the margins of internal model control with the tuning's time constants as
  * its filter. Set-points that are known beforehand are approached so early that the output is half way in time.
+ * Set-points that the speed's bounds do not permit together are replaced by the nearest that they do, see make_attainable.
  *
  * The paper's corridors (32), (33) are of first order. The text does not say where they start in each cycle; its tool
  * offers FSW_CONSTANT (at the set-point), FSW_COLD_START (at the output once, then on by themselves) and FSW_RECENTRED
@@ -24,12 +25,13 @@
 #define RATE_SHARE 0.8
 /* A plant that cannot move gets at least so much: kN about the force that holds, degC/s. */
 #define LEAST_FORCE_KN 1.0
-#define LEAST_RATE_C_S 0.1
+#define LEAST_RATE_C_S 0.005
 #define LEAST_POWER_KW 1.0
 /* An approach is at its end within this distance. */
 #define AT_REST_MM 2e-6
 #define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
+#define BISECTIONS 20
 
 /* Share of the last rate that is kept: a fifth of the difference is let go in a tick, or one part in 14. */
 static const double KEPT[2] = {0.8, 0.93};
@@ -104,18 +106,76 @@ static double half_time_s(const approach *a, double size) {
   return time_s;
 }
 
-/* Targets of output q: the set-point now, and those to come, each as early as it has to be begun. */
-static int targets_of(const approach *a, const fsw_nmpc *c, const fsw_nmpc_input *in, int q, target *targets) {
+/* Gain of the depth's rate over the force. */
+static double rate_gain(const fsw_nmpc *c) {
+  return c->estimator.x[FSW_DEPTH_GAIN] * (c->model.depth_gain[0] + c->model.depth_gain[1]);
+}
+
+/* Torque at a depth, as shown, with the force that holds a depth now: the slow mode changes that over minutes. */
+static fsw_torque held_torque(const fsw_nmpc *c, double depth_mm) {
+  const fsw_nmpc_model *m = &c->model;
+  const double *x = c->estimator.x, force = m->operating_force_kn - m->slow_pole * x[FSW_SLOW] / rate_gain(c);
+  return fsw_torque_at(m, force, depth_mm - x[FSW_DEPTH_OFFSET]);
+}
+
+/* The temperature that a bound of the speed (0: slowest, 1: fastest) holds at a depth, both as shown. */
+static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
+  const fsw_nmpc_model *m = &c->model;
+  const double *x = c->estimator.x, speed = (bound ? c->tuning.input_max[1] : c->tuning.input_min[1]);
+  const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
+  const double power = given - m->operating_power_kw + x[FSW_HEAT];
+  return m->operating_temperature_c + m->thermal_gain_c_per_kw * power + x[FSW_TEMP_OFFSET];
+}
+
+/* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The temperature first keeps
+ * its quality limits, then the set-point with priority is kept; the depth gives way by no more than its quality limit. */
+static void make_attainable(const fsw_nmpc *c, double goal[2]) {
+  const fsw_nmpc_tuning *t = &c->tuning;
+  const double slowest = held_temperature(c, 0, goal[0]), fastest = held_temperature(c, 1, goal[0]), wanted = goal[1];
+  const int bound = wanted > fastest;
+  if (!(wanted < slowest || wanted > fastest) || !(slowest < fastest)) return;
+  const double held = bound ? fastest : slowest, limit = fsw_clip(held, t->quality_temp_c[0], t->quality_temp_c[1]);
+  const double least = bound ? fsw_clip(limit, held, wanted) : fsw_clip(limit, wanted, held);
+  const double share[3] = {0.0, 0.5, 1.0}; /* by priority */
+  goal[1] = least + share[t->priority] * (wanted - least);
+  if (goal[1] == held) return;
+  double kept = goal[0], moved = goal[0] + (bound ? t->quality_depth_mm : -t->quality_depth_mm);
+  for (int i = 0; i < BISECTIONS; i++) { /* a deeper tool heats more */
+    const double middle = 0.5 * (kept + moved), there = held_temperature(c, bound, middle);
+    if (bound ? there < goal[1] : there > goal[1]) kept = middle;
+    else moved = middle;
+  }
+  goal[0] = moved;
+  const double reached = held_temperature(c, bound, moved);
+  goal[1] = bound ? fsw_clip(goal[1], held, reached) : fsw_clip(goal[1], reached, held);
+}
+
+/* Targets of both outputs: the set-points now, and those to come. */
+static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], double goals[][2]) {
+  const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
+  int n = 0;
+  for (int i = -1; i < n_changes; i++) {
+    const double depth = i < 0 ? c->reference[0] : in->change[i].depth_mm;
+    const double temp = i < 0 ? c->reference[1] : in->change[i].temperature_c;
+    at_s[n] = i < 0 ? -1e9 : in->change[i].at_s;
+    if (i >= 0 && !(fsw_is_finite(depth + temp) && at_s[n] > 0.0)) continue;
+    goals[n][0] = depth;
+    goals[n][1] = temp;
+    make_attainable(c, goals[n++]);
+  }
+  return n;
+}
+
+/* Targets of output q, each as early as it has to be begun. */
+static int targets_of(const approach *a, int q, int n_goals, const double at_s[], double goals[][2], target *targets) {
   int n = 1;
   targets[0].at_s = -1e9;
-  targets[0].value = c->reference[q];
-  const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
-  for (int i = 0; i < n_changes; i++) {
-    const double value = q == 0 ? in->change[i].depth_mm : in->change[i].temperature_c;
-    const double size = value - targets[n - 1].value;
-    if (size == 0.0 || !fsw_is_finite(value) || !(in->change[i].at_s > 0.0)) continue;
-    const double at_s = in->change[i].at_s - half_time_s(a, size);
-    targets[n].at_s = at_s > targets[n - 1].at_s ? at_s : targets[n - 1].at_s;
+  targets[0].value = goals[0][q];
+  for (int i = 1; i < n_goals; i++) {
+    const double value = goals[i][q], size = value - targets[n - 1].value;
+    if (size == 0.0) continue;
+    const double begin_s = at_s[i] - half_time_s(a, size);
+    targets[n].at_s = begin_s > targets[n - 1].at_s ? begin_s : targets[n - 1].at_s;
     targets[n++].value = value;
   }
   return n;
@@ -123,13 +183,13 @@ static int targets_of(const approach *a, const fsw_nmpc *c, const fsw_nmpc_input
 
 /* Rates of the temperature at the slowest and the fastest speed while the depth stays at its set-point: as the copper
  * softens the force gives way, and with it the torque. `power` holds the temperature. */
-static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double depth_gain, double rate[2]) {
+static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
   const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
-  const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * depth_gain);
-  const fsw_torque held = fsw_torque_at(m, m->operating_force_kn - x[FSW_FORCE], depth_mm - x[FSW_DEPTH_OFFSET]);
+  const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
+  const fsw_torque held = held_torque(c, depth_mm);
   for (int k = 0; k < 2; k++) {
     const double kw_per_nm = FSW_KW_PER_NM_RPM * speed[k], given = kw_per_nm * x[FSW_SCALE];
     rate[k] = RATE_SHARE * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
@@ -137,7 +197,7 @@ static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double 
 }
 
 /* What force and speed can do together, about the present state. */
-static void authority(const fsw_nmpc *c, double copper_c, approach *depth, approach *temp) {
+static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, approach *depth, approach *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
@@ -156,16 +216,16 @@ static void authority(const fsw_nmpc *c, double copper_c, approach *depth, appro
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
     force_rate = force_rate < followed ? force_rate : followed;
   }
-  const double gain = x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]);
+  const double gain = rate_gain(c);
   const double centre = m->operating_force_kn - x[FSW_FORCE];
   depth->least_rate = gain * (low - centre < -LEAST_FORCE_KN ? low - centre : -LEAST_FORCE_KN);
   depth->top_rate = gain * (high - centre > LEAST_FORCE_KN ? high - centre : LEAST_FORCE_KN);
   depth->acceleration = SMOOTHED * gain * force_rate;
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
-  const double goal = fsw_clip(c->reference[0], 0.5 * usual, 1.5 * usual);
+  const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
   const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
   double rate[2];
-  held_rates(c, kept, goal, gain, rate);
+  held_rates(c, kept, goal, rate);
   temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
   temp->top_rate = rate[1] > LEAST_RATE_C_S ? rate[1] : LEAST_RATE_C_S;
   temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
@@ -179,8 +239,7 @@ static motion depth_now(const fsw_nmpc *c) {
   motion now;
   now.output = now.steered = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
   const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
-  const double gain = e->x[FSW_DEPTH_GAIN] * (m->depth_gain[0] + m->depth_gain[1]);
-  const double own = gain * pushed + m->slow_pole * e->x[FSW_SLOW];
+  const double own = rate_gain(c) * pushed + m->slow_pole * e->x[FSW_SLOW];
   const double softer = row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
   now.rate = row[FSW_CREEP] * own + softer + e->x[FSW_DEPTH_RATE];
   return now;
@@ -228,17 +287,19 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
   approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
-  double copper_c;
+  double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
+  const int n_goals = goals_of(c, in, at_s, goals);
   motion ahead = temperature_ahead(c, &copper_c);
-  authority(c, copper_c, &to_depth, &to_temp);
-  int n = targets_of(&to_depth, c, in, 0, targets);
+  for (int q = 0; q < 2; q++) c->attainable[q] = goals[0][q];
+  authority(c, copper_c, goals[0][0], &to_depth, &to_temp);
+  int n = targets_of(&to_depth, 0, n_goals, at_s, goals, targets);
   motion now = depth_now(c);
   keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
   follow(&to_depth, now, 0.0, targets, n, m->time_s, 0, m->n_out, depth);
 
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
-  n = targets_of(&to_temp, c, in, 1, targets);
+  n = targets_of(&to_temp, 1, n_goals, at_s, goals, targets);
   keep_rate(c, &to_temp, 1, &ahead, m->dead_time_s, targets, n);
   c->has_rate = 1;
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
@@ -265,6 +326,7 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
     approaches(c, in, path[0], path[1]);
   } else {
     const double *x = c->estimator.x;
+    for (int q = 0; q < 2; q++) c->attainable[q] = c->reference[q];
     corridor(c, 0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
     corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
     c->has_corridor = 1;
