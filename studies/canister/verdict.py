@@ -25,7 +25,8 @@ from fsw_schema.models import InputError
 
 Row = dict[str, Any]
 #: within which a phase must stay, but for some seconds: the process window, and errors (chosen)
-WINDOW_C, DEPTH_MM, TEMPERATURE_C, AT_MOST_S = (790.0, 910.0), 0.1, 10.0, 5.0
+WINDOW_C = (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
+DEPTH_MM, TEMPERATURE_C, AT_MOST_S = weld.QUALITY_DEPTH_MM, 10.0, 5.0
 #: how near the end of its range a drive counts as saturated
 _NEAR_KN, _NEAR_RPM = 0.05, 0.3
 

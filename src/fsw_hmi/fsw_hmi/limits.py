@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
+from fsw_control import weld
 from fsw_control.ranges import (
     COMMAND_FORCE_KN,
     COMMAND_SPEED_RPM,
@@ -25,10 +26,9 @@ from fsw_plant.event_schema import (
 )
 from fsw_schema.ranges import Range
 
-#: Distance from the set-point inside which the depth is good; chosen, about the paper's step disturbance.
-QUALITY_DEPTH_MM = (-0.1, 0.1)
-#: Temperatures inside which the weld is free of defects and the tool keeps whole: lup.lub.lu.se/record/1961682.
-QUALITY_TEMPERATURE_C = (790.0, 910.0)
+#: bands of good depths, from the set-point, and temperatures
+QUALITY_DEPTH_MM = (-weld.QUALITY_DEPTH_MM, weld.QUALITY_DEPTH_MM)
+QUALITY_TEMPERATURE_C = (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(500.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
 #: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high values

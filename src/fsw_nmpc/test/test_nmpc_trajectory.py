@@ -12,6 +12,7 @@ from fsw_nmpc.tuning import PAPER, PRIORITIES, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 NAN = float("nan")
+REST_RPM = 407.57607824382967
 
 
 @pytest.fixture(scope="module")
@@ -24,12 +25,12 @@ def trajectories(
 ):
     """Depth and temperature over the horizon at rest at the operating point, for set-points."""
     library.configure((tuning or Tuning()).struct(limits, priority=priority))
-    library.reset(78.4, 407.57607824382967)
+    library.reset(78.4, REST_RPM)
     given_, h = library.input, library.horizon
     given_.depth_mm, given_.torque_nm, given_.temperature_c = 2.66, 1052.8585402958927, 816.4
     given_.depth_fresh = given_.torque_fresh = given_.temperature_fresh = True
     given_.force_kn = given_.speed_rpm = NAN
-    given_.applied_force_kn, given_.applied_speed_rpm, given_.dt_s = 78.4, 407.57607824382967, 0.1
+    given_.applied_force_kn, given_.applied_speed_rpm, given_.dt_s = 78.4, REST_RPM, 0.1
     given_.reference_depth_mm, given_.reference_temperature_c = depth_mm, temperature_c
     given_.n_changes = len(changes)
     for i, change in enumerate(changes):
@@ -145,11 +146,12 @@ def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, 
 @given(
     depth_mm=st.floats(2.0, 3.2),
     off_c=st.one_of(st.floats(-60.0, -0.1), st.floats(0.1, 60.0)),
-    bound_rpm=st.floats(310.0, 490.0),
+    to_bound_rpm=st.floats(0.1, 95.0),
     priority=st.sampled_from(PRIORITIES),
 )
-def test_set_points_beyond_the_speed_give_way_as_the_priority_says(library, depth_mm, off_c, bound_rpm, priority):
+def test_set_points_beyond_the_speed_give_way_as_the_priority_says(library, depth_mm, off_c, to_bound_rpm, priority):
     """The depth gives way within its quality limit and no more than it has to; the temperature is one that is held."""
+    bound_rpm = REST_RPM + np.copysign(to_bound_rpm, off_c)
     bounds = {"speed_min_rpm" if off_c < 0.0 else "speed_max_rpm": bound_rpm}
     held = held_temperature_c(bound_rpm, depth_mm)
     depth, temperature = attainable(library, depth_mm, held + off_c, priority, **bounds)
@@ -168,17 +170,16 @@ def test_set_points_within_reach_stay(library, priority):
 
 
 def test_quality_limits_of_the_temperature_come_before_the_depth(library):
-    """The slowest speed would hold 819 degC: the depth gives way until 815 degC are held, and no further."""
-    limited = Tuning(quality_temperature_min_c=700.0, quality_temperature_max_c=815.0)
-    assert held_temperature_c(409.0, 2.66) > 818.0
-    depth, temperature = attainable(library, 2.66, 805.0, tuning=limited, speed_min_rpm=409.0)
-    assert temperature == pytest.approx(815.0, abs=1e-3)
-    assert held_temperature_c(409.0, depth) == pytest.approx(815.0, abs=1e-3)
+    """The depth gives way until the slowest speed holds the limit, and no further."""
+    limited = Tuning(quality_temperature_min_c=700.0, quality_temperature_max_c=817.0)
+    assert held_temperature_c(407.0, 2.70) > 818.0
+    depth, temperature = attainable(library, 2.70, 805.0, tuning=limited, speed_min_rpm=407.0)
+    assert temperature == pytest.approx(817.0, abs=1e-3)
+    assert held_temperature_c(407.0, depth) == pytest.approx(817.0, abs=1e-3)
 
 
 def test_trajectories_end_at_attainable_set_points(library):
     """At rest where the slowest speed holds the temperature, a colder set-point moves nothing."""
-    rpm = 407.57607824382967
-    _, paths, _ = trajectories(library, temperature_c=800.0, limits=Limits(speed_min_rpm=rpm))
+    _, paths, _ = trajectories(library, temperature_c=800.0, limits=Limits(speed_min_rpm=REST_RPM))
     assert paths[0] == pytest.approx(2.66, abs=1e-9)
     assert paths[1] == pytest.approx(816.4, abs=1e-6)
