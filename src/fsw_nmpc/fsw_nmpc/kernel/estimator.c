@@ -4,7 +4,8 @@
  * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
  * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
  * minutes, so that every state stays detectable. They move at rates, which leak faster, so that ramps and slow sines are
- * followed. The gain of the depth over the force is estimated as a factor on the model's; only moves of the force tell it.
+ * followed. The gain of the depth over the force is estimated as a factor on the model's, while the force moves: at rest
+ * nothing tells it, and noise would take it away.
  *
  * A measurement far off its expectation is a jump: its excess over the expected size widens the variances of what can
  * have jumped, and the measurements tell which has. For the depth these are the offset and the depth itself, which the
@@ -31,6 +32,7 @@
 #define LEAST_TORQUE_NM 100.0
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
+#define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
@@ -85,6 +87,7 @@ static void take_drive(fsw_estimator *e, int input, double acting, double applie
     low = command[k] < low ? command[k] : low;
     high = command[k] > high ? command[k] : high;
   }
+  if (input == 0) e->is_excited = high - low > EXCITED_KN;
   command[0] = applied;
   e->offset[input] = fsw_clip(e->offset[input], acting - high, acting - low);
 }
@@ -152,6 +155,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = 0.0;
+  e->is_excited = 0;
   return e->started = is_sound(e, m);
 }
 
@@ -176,6 +180,9 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep;
 }
 
+/* Whether a state keeps its estimate and its variance, whatever the measurements are. */
+static int is_held(const fsw_estimator *e, int state) { return state == FSW_DEPTH_GAIN && !e->is_excited; }
+
 /* p = a p a' + walk */
 static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   double ap[N][N];
@@ -187,7 +194,7 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
     }
   for (int i = 0; i < N; i++)
     for (int j = 0; j <= i; j++) {
-      double sum = i == j ? t->walk[i] * t->walk[i] : 0.0;
+      double sum = i == j && !is_held(e, i) ? t->walk[i] * t->walk[i] : 0.0;
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
@@ -274,9 +281,11 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
     for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
     expected = spread(e, row, cross) + noise * noise;
   }
-  for (int i = 0; i < N; i++) e->x[i] += cross[i] / expected * innovation;
+  double gain[N]; /* with that of a held state at zero, the update is Schmidt's */
+  for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
+  for (int i = 0; i < N; i++) e->x[i] += gain[i] * innovation;
   for (int i = 0; i < N; i++)
-    for (int j = 0; j < N; j++) e->p[i][j] -= cross[i] * cross[j] / expected;
+    for (int j = 0; j < N; j++) e->p[i][j] -= gain[i] * cross[j] + (cross[i] - gain[i] * expected) * gain[j];
 }
 
 /* After an update of the depth: whether its recent innovations are a drift, and if so, a wider variance of the rate. */

@@ -189,6 +189,7 @@ typedef struct {
   double offset[2];                        /* what the drives add to the command */
   double blind_s[3];
   int started;
+  int is_excited;                          /* whether the force has moved lately */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
