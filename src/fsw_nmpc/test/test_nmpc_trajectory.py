@@ -94,6 +94,14 @@ def test_changes_that_make_no_sense_change_nothing(library, changes):
     assert temperature == pytest.approx(816.4, abs=1e-9)
 
 
+def test_a_number_of_changes_below_zero_is_none(library):
+    trajectories(library, 2.76, 824.4)
+    library.input.n_changes = -7
+    assert begin(library)
+    library.input.n_changes = 0
+    assert tuple(library.output.attainable) == (2.76, 824.4)
+
+
 @pytest.mark.parametrize(
     ("kind", "ticks", "first"),
     [

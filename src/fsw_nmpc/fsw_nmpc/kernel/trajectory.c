@@ -153,14 +153,16 @@ static void make_attainable(const fsw_nmpc *c, double goal[2]) {
 /* Targets of both outputs: the set-points now, and those to come. */
 static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], double goals[][2]) {
   const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
-  int n = 0;
-  for (int i = -1; i < n_changes; i++) {
-    const double depth = i < 0 ? c->reference[0] : in->change[i].depth_mm;
-    const double temp = i < 0 ? c->reference[1] : in->change[i].temperature_c;
-    at_s[n] = i < 0 ? -1e9 : in->change[i].at_s;
-    if (i >= 0 && !(fsw_is_finite(depth + temp) && at_s[n] > 0.0)) continue;
-    goals[n][0] = depth;
-    goals[n][1] = temp;
+  int n = 1;
+  at_s[0] = -1e9;
+  for (int q = 0; q < 2; q++) goals[0][q] = c->reference[q];
+  make_attainable(c, goals[0]);
+  for (int i = 0; i < n_changes; i++) {
+    const fsw_change *change = &in->change[i];
+    if (!(fsw_is_finite(change->depth_mm + change->temperature_c) && change->at_s > 0.0)) continue;
+    at_s[n] = change->at_s;
+    goals[n][0] = change->depth_mm;
+    goals[n][1] = change->temperature_c;
     make_attainable(c, goals[n++]);
   }
   return n;
