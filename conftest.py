@@ -1,16 +1,16 @@
 """What all tests share.
 
-Hypothesis has no deadline, for a busy machine decides how long an example takes. And what the tests of a file leave in
-the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
+Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one takes. And what the
+tests of a file leave in the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
 """
 
 import os
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("project", deadline=None)
+settings.register_profile("project", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("project")
 
 
