@@ -318,8 +318,8 @@ class Weld(Spinner):
                     self.commands[stamp].source for stamp in stamps if stamp in self.commands
                 )
             ],
-            jump_kn=max(abs(b.force_kn - a.force_kn) for a, b in moves),
-            jump_rpm=max(abs(b.speed_rpm - a.speed_rpm) for a, b in moves),
+            jump_kn=max((abs(b.force_kn - a.force_kn) for a, b in moves), default=0.0),
+            jump_rpm=max((abs(b.speed_rpm - a.speed_rpm) for a, b in moves), default=0.0),
             depth_mm=max(abs(truth.depth - truths[0].depth) * 1e3 for truth in truths),
             temperature_c=max(abs(truth.temperature - truths[0].temperature) for truth in truths),
             coldest_c=min(truth.temperature for truth in truths),
