@@ -1,25 +1,28 @@
 """What all tests share.
 
-Hypothesis has no deadline, for a busy machine decides how long an example takes. And what the tests of a file leave in
-the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
+Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one takes. And what the
+tests of a file leave in the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
+So do nodes whose start was refused: they are in their ROS domain until the garbage collector finds them.
 """
 
+import gc
 import os
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("project", deadline=None)
+settings.register_profile("project", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("project")
 
 
 @pytest.fixture(autouse=True, scope="module")
 def environment() -> Iterator[None]:
-    """The environment after a file is that before it."""
+    """The environment after a file is that before it, and no node is left."""
     before = dict(os.environ)
     yield
     changed = [name for name in os.environ if os.environ[name] != before.get(name)]
     for name in changed:
         del os.environ[name]
     os.environ.update(before)
+    gc.collect()

@@ -120,7 +120,7 @@ def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expe
     wait_for_rows(out, first)
     if how == signal.SIGINT:  # Ctrl-C reaches all processes
         os.killpg(first.pid, how)
-        assert first.wait(timeout=60) == 130
+        assert first.wait(PATIENCE_S) == 130
         told = log.read_text()
         assert told.splitlines()[-1].startswith("interrupted") and "Traceback" not in told
     else:
@@ -129,7 +129,7 @@ def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expe
     rows = found(out)
     assert rows and all(row in expected for row in rows)
     second = command(log, file, "--out", out, "--workers", 2, "--resume")
-    assert second.wait(timeout=100) == 0, log.read_text()
+    assert second.wait(PATIENCE_S) == 0, log.read_text()
     assert found(out) == expected
 
 
@@ -149,7 +149,7 @@ def cluster(tmp_path):
     yield address, scheduler
     for process in (worker, scheduler):
         process.terminate()
-        process.wait(timeout=60)
+        process.wait(PATIENCE_S)
 
 
 @pytest.mark.full

@@ -10,9 +10,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import rclpy
+from rclpy.context import Context
 
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED
+from fsw_msgs.msg import WeldReference
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import load
@@ -120,12 +124,18 @@ def test_player_alone_gives_up_with_one_clear_line(tmp_path):
 def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
     arguments = ["quick", "--ros-args", "-p", "silence_timeout_s:=3.0"]
     with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=domain)
+        sender = rclpy.create_node("sender", context=context)  # so that the recorder listens before the player starts
+        sender.create_publisher(WeldReference, "fsw/reference", LATCHED)
         launcher.start("supervisor", "fsw_supervisor.supervisor_node")
         launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
         wait_for_text(launcher, "supervisor", "role: active")
-        player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
         wait_for_text(launcher, "recorder", "subscribed to /fsw/reference")
+        player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
         player.process.wait(PATIENCE_S)
+        sender.destroy_node()
+        context.try_shutdown()
         assert "no 1 controllers listening for 3 s" in player.text()
 
 

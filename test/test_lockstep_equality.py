@@ -82,7 +82,8 @@ phases:
   - {name: parking, to_deg: 7.0, length_mm: 11.0, set_points: [{temperature_c: 816.4}]}
 events:
   - {at_s: 2.0, disturbance: {channel: torque, shape: ramp, amplitude_nm: 10.0, duration_s: 30.0}}
-  - {at_s: 24.0, switch: nmpc}  # on the joint line
+  - {at_deg: 3.0, switch: nmpc}  # on the joint line, and back
+  - {at_deg: 4.0, switch: decentral}
 """
 HEAT = """
 name: short_weld_in_heat

@@ -3,35 +3,13 @@
 import time
 
 import pytest
-import rclpy
-from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.parameter import Parameter
 
 from fsw.main import main
 from fsw_control.free_domain import free_domain
-from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
-from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.patient_weld import PatientWeld
 from fsw_test_support.waiting import PATIENCE_S, wait_for_text
-
-
-def make_patient(domain):
-    """Where the machine stands still, the supervisor holds; it neither stops then nor shuts anybody out."""
-    context = Context()
-    rclpy.init(args=[], context=context, domain_id=domain)
-    node, spinner = rclpy.create_node("patience", context=context), Spinner(context)
-    spinner.executor.add_node(node)
-    values = {"hold_timeout_s": 3600.0, "start_timeout_s": 3600.0, "storm_swaps": 0, "readmit_ticks": 1}
-    request = SetParameters.Request(
-        parameters=[Parameter(name, value=one).to_parameter_msg() for name, one in values.items()]
-    )
-    answers = spinner.call(node.create_client(SetParameters, "/fsw_supervisor/set_parameters"), request).results
-    spinner.executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
-    assert all(one.successful for one in answers), answers
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +18,8 @@ def graph(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weld")
     scenario = load("quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"])
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
-        WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
-        wait_for_text(launcher, "supervisor", "controller decentral is ready", PATIENCE_S)
-        make_patient(domain)
+        PatientWeld(scenario, folder / "weld", realtime=True, record=False).start(launcher)
+        wait_for_text(launcher, "supervisor", "controller decentral is ready")
         yield domain
         launcher.check()
 
@@ -147,7 +124,7 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
             ("plant", "fsw_plant.plant_node"),
         ):
             launcher.start(name, module)
-        wait_for_text(launcher, "supervisor", "role: active", PATIENCE_S)
+        wait_for_text(launcher, "supervisor", "role: active")
         end_s = time.monotonic() + PATIENCE_S
         printed = ""
         while "hold, no controller: starting: waiting for decentral: no set-point yet" not in printed:
@@ -156,7 +133,7 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
             printed = " ".join(capsys.readouterr().out.split())
         assert "set-points none yet" in printed
         assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "60"]) == 0
-        wait_for_text(launcher, "supervisor", "start -> auto", PATIENCE_S)
+        wait_for_text(launcher, "supervisor", "start -> auto")
         while "auto, decentral" not in printed:
             assert time.monotonic() < end_s, printed
             assert main(["status", "--timeout", "60"]) == 0

@@ -102,6 +102,7 @@ class Relay:
         self.weld, self.loss, self.shift_ns = weld, 0.0, 0
         self.random = random.Random(4)
         self.out = {}
+        self.stamps = {}  #: of the measurements that were passed on, to those of the plant
         for topic, kind in RELAYED.items():
             self.out[topic] = weld.node.create_publisher(kind, topic, 10)
             quality = DEEP if topic in RELIABLE else LOSSY
@@ -112,12 +113,17 @@ class Relay:
     def forward(self, topic, message):
         if topic not in RELIABLE and self.random.random() < self.loss:
             return
-        message.header.stamp = convert.stamp_from_ns(convert.stamp_ns(message.header.stamp) + self.shift_ns)
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self.stamps[stamp_ns + self.shift_ns] = stamp_ns
+        message.header.stamp = convert.stamp_from_ns(stamp_ns + self.shift_ns)
         self.out[topic].publish(message)
 
     def back(self, message):
-        message.header.stamp = convert.stamp_from_ns(convert.stamp_ns(message.header.stamp) - self.shift_ns)
-        self.commands.publish(message)
+        """The command to the measurement that it answers, whatever the clock is by now."""
+        stamp_ns = self.stamps.get(convert.stamp_ns(message.header.stamp))
+        if stamp_ns is not None:
+            message.header.stamp = convert.stamp_from_ns(stamp_ns)
+            self.commands.publish(message)
 
 
 class Weld(Spinner):
@@ -312,8 +318,8 @@ class Weld(Spinner):
                     self.commands[stamp].source for stamp in stamps if stamp in self.commands
                 )
             ],
-            jump_kn=max(abs(b.force_kn - a.force_kn) for a, b in moves),
-            jump_rpm=max(abs(b.speed_rpm - a.speed_rpm) for a, b in moves),
+            jump_kn=max((abs(b.force_kn - a.force_kn) for a, b in moves), default=0.0),
+            jump_rpm=max((abs(b.speed_rpm - a.speed_rpm) for a, b in moves), default=0.0),
             depth_mm=max(abs(truth.depth - truths[0].depth) * 1e3 for truth in truths),
             temperature_c=max(abs(truth.temperature - truths[0].temperature) for truth in truths),
             coldest_c=min(truth.temperature for truth in truths),

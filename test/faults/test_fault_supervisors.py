@@ -22,17 +22,18 @@ def of_writers(weld, first):
 def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     first = weld.restore()
     foreign = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
-    weld.until(lambda: foreign.get_subscription_count() >= 4)
     reports = len(weld.reports)
-    foreign.publish(convert.command_message(Command(61.0, 310.0), 1, "foreign"))
+    wild = convert.command_message(Command(61.0, 310.0), 1, "foreign")
+    timer = weld.node.create_timer(0.1, lambda: foreign.publish(wild))  # the others hear it once they have found it
     weld.until(lambda: b"\x02" in of_writers(weld, reports), what="the error on /diagnostics")
     weld.ticks(5)
+    weld.node.destroy_timer(timer)
     weld.node.destroy_publisher(foreign)
     outcome = weld.outcome(first)
     outcome.assert_steady()
     outcome.assert_sources("decentral")
     assert {"decentral", "nmpc", "hold"}.issuperset(outcome.sources), "no controller follows a stranger"
-    assert len([name for name in weld.supervisors if weld.role(name) == "active"]) == 1
+    weld.until(lambda: [weld.role(name) for name in weld.supervisors].count("active") == 1, "one leader")
     table.add(
         "a foreign writer on `/fsw/command`",
         "a command that the supervisor did not send",
@@ -48,24 +49,24 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     weld.until(
         lambda: of_writers(weld, -10) and b"\x02" not in of_writers(weld, -10), what="no foreign writer any more"
     )
-    told, reports = len(weld.states), len(weld.reports)
+    reports = len(weld.reports)
     first = weld.switch("nmpc")
     weld.ticks(5)
     silent = weld.leader
     other = next(name for name in weld.supervisors if name != silent)
-    roles = weld.roles(other)
+    roles = {name: len(weld.roles(name)) for name in weld.supervisors}
     weld.signal(silent, number)
-    weld.until(lambda: weld.role(other) == "active", what="the takeover")
+    weld.until(lambda: "active" in weld.roles(other)[roles[other] :], what="the takeover")
+    weld.until(lambda: "[takeover]" in weld.launcher.children[other].text(), what="the takeover's reason")
     weld.ticks(10)
     if number == signal.SIGSTOP:
         weld.signal(silent, signal.SIGCONT)
-        weld.until(lambda: weld.role(silent) == "standby", what="the one that was stopped stepping back")
+        stepped_back = f"the one that was stopped, {silent}, stepping back"
+        weld.until(lambda: "standby" in weld.roles(silent)[roles[silent] :], what=stepped_back)
     weld.ticks(10)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
     outcome.assert_sources("nmpc")
-    assert weld.roles(other) == [*roles, "active"], "it still leads"
-    assert any(state.requested_by == "takeover" for state in weld.states[told:])
     assert b"\x02" not in of_writers(weld, reports), "a takeover is no foreign writer"
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     reaction = "takes over in the second, under the same controller"
@@ -74,7 +75,8 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
 
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_standby_falls_silent(weld, table, number):
+def test_the_standby_falls_silent(launch, table, number):
+    weld = launch(lockstep=True, standby=True)
     first = weld.restore()
     standby = next(name for name in weld.supervisors if name != weld.leader)
     weld.signal(standby, number)
@@ -129,6 +131,7 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     weld.ticks(15)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
+    weld.until(lambda: weld.states[-1].actual_mode == "auto", "control")
     state = weld.states[-1]  # of a machine that stands still for some time the arbiter takes a controller for late
     assert state.target_controller == "nmpc" or state.requested_by == "failover", (
         "the previously active controller continues, not the configured one"

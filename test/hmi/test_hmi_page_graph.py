@@ -6,12 +6,18 @@ from playwright.sync_api import expect
 from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import shot
+from fsw_test_support.patient_weld import PATIENT_ARGUMENTS
 from fsw_test_support.waiting import wait_for_text
 
+#: what a stop cools until it is acknowledged, is no further cause to stop
+WIDE = ("low.warn:=310.0", "low.trip:=300.0")
 PARTS = {
     "decentral": ("fsw_decentral.decentral_node", []),
     "nmpc": ("fsw_nmpc.nmpc_node", []),
-    "supervisor": ("fsw_supervisor.supervisor_node", []),
+    "supervisor": (
+        "fsw_supervisor.supervisor_node",
+        ["--ros-args", *PATIENT_ARGUMENTS, *(word for one in WIDE for word in ("-p", f"interlocks.temperature_{one}"))],
+    ),
     "plant": ("fsw_plant.plant_node", ["--ros-args", "-p", "wait_for_subscribers:=3"]),
 }
 

@@ -1,4 +1,4 @@
-"""The operator's page at a real weld in real time: everything as processes."""
+"""The operator's page at a real weld: everything as processes, in lockstep where no time is what is tested."""
 
 import itertools
 import json
@@ -15,11 +15,12 @@ from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
-from fsw_scenario.graph import STANDBY, WeldGraph
+from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.bags import decode
 from fsw_test_support.page_client import Page
+from fsw_test_support.patient_weld import PATIENT_ARGUMENTS, PatientWeld
 from fsw_test_support.ros_graph import Spinner
 from fsw_test_support.waiting import wait_for_text
 
@@ -83,12 +84,14 @@ class Weld(Spinner):
         for name in names:
             arguments = {
                 "plant": ["-p", f"wait_for_subscribers:={waits}", "-p", "lockstep_timeout_s:=0.2"],
-                "standby": ["-r", f"__node:={STANDBY}", "-p", "standby:=true"],
+                "supervisor": PATIENT_ARGUMENTS,
+                "standby": ["-r", f"__node:={STANDBY}", "-p", "standby:=true", *PATIENT_ARGUMENTS],
             }.get(name, [])
             if lockstep:
                 given = ("clock:=simulated", "speed:=0.0") if name == "plant" else ("use_sim_time:=true",)
-                given += ("lockstep_deadline_s:=60.0",) if name in ("supervisor", "standby") else ()
-                arguments += [word for one in given for word in ("-p", one)]
+                patient = ("lockstep_deadline_s:=60.0", "lockstep_shadow_wait_s:=60.0")
+                given += patient if name in ("supervisor", "standby") else ()
+                arguments = [*arguments, *(word for one in given for word in ("-p", one))]
             self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])
 
     def start_weld(self, *arguments, lockstep=False):
@@ -97,16 +100,18 @@ class Weld(Spinner):
         self.start(*PARTS, waits=len(PARTS) - 1, lockstep=lockstep)
         page = self.command()
         page.until("tick")
-        assert page.ask("set_reference", depth_mm=2.66, temperature_c=816.4)["outcome"] == "done"
-        page.until("state", lambda frame: frame["actual_mode"] == "auto")
+        page.seen("state", lambda frame: "no set-point yet" in frame["reason"])  # a controller waits for them
+        answer = page.ask("set_reference", depth_mm=2.66, temperature_c=816.4)
+        assert answer["outcome"] == "done", answer
+        page.seen("state", lambda frame: frame["actual_mode"] == "auto")
         return page
 
     def mode(self):
         return self.states[-1].actual_mode if self.states else ""
 
     def unanswered_ticks(self):
-        """Gaps between the commands that this observer has heard."""
-        stamps = [convert.stamp_ns(one.header.stamp) for one in self.commands]
+        """Gaps between the commands that this observer has heard, some of them twice."""
+        stamps = sorted({convert.stamp_ns(one.header.stamp) for one in self.commands})
         return sum(round((b - a) / TICK_NS) - 1 for a, b in itertools.pairwise(stamps))
 
 
@@ -119,7 +124,7 @@ def weld(tmp_path):
 
 
 def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
-    page = weld.start_weld()
+    page = weld.start_weld(lockstep=True)
     swapped = page.ask("switch", controller="nmpc", wait_s=5)
     assert swapped["outcome"] == "done", swapped
     page.seen("state", lambda frame: frame["actual_controller"] == "nmpc")
@@ -159,19 +164,17 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
 def test_page_killed_in_a_ramp_changes_nothing(weld):
     """In lockstep, so that no tick is lost because the machine is busy."""
     page = weld.start_weld(lockstep=True)
-    weld.until(lambda: weld.commands, "commands")
+    weld.until(lambda: weld.commands and weld.mode() == "auto", "control")
+    transitions = weld.states[-1].transitions
     answer = page.ask("set_reference", depth_mm=2.66, temperature_c=850.4, ramp=True)
     assert answer["outcome"] == "done", answer
     weld.launcher.children["hmi"].process.send_signal(signal.SIGKILL)
     goal = Reference(2.66, 850.4)
     weld.until(lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp")
-    assert weld.mode() == "auto"
     assert weld.unanswered_ticks() == 0
-    transitions = weld.states[-1].transitions
     weld.serve()  # again
     with Page(weld.url) as reloaded:
-        reloaded.until("tick")
-        assert reloaded.value("reference_temperature_c") == 850.4
+        reloaded.until("tick", lambda _: reloaded.value("reference_temperature_c") == 850.4)
     count = len(weld.commands)
     weld.until(lambda: len(weld.commands) > count + 5, "more commands")
     assert (weld.mode(), weld.states[-1].transitions) == ("auto", transitions)
@@ -223,22 +226,30 @@ def test_plant_does_not_take_the_page_for_a_controller(weld):
     weld.launcher.stop("plant")
     weld.start("plant", waits=0)  # this one runs at once
     page.until("tick")
+    page.seen("hello", lambda frame: frame["emulator"])
     weld.launcher.stop("plant")
-    weld.start("plant", waits=1)
     page.seen("hello", lambda frame: not frame["emulator"])
+    weld.start("plant", waits=1)
     page.seen("hello", lambda frame: frame["emulator"])
     plant_waits_for(weld, 1)
     weld.start("decentral", "supervisor")
     page.until("tick")
 
 
+def recorded_actions(folder):
+    with BagReader(folder) as bag:
+        recorded = [decode(bag, one) for one in bag.records(topics=["/fsw/operator_action"])]
+    return [(one.action, one.outcome) for one in recorded] or [("", "")]
+
+
 def test_programme_is_held_changed_by_hand_and_resumed(weld):
     scenario = parse(PROGRAMME)
     weld.serve()
-    graph = WeldGraph(scenario, weld.folder / "weld", ["decentral", "nmpc"], realtime=True)
+    graph = PatientWeld(scenario, weld.folder / "weld", ["decentral", "nmpc"], realtime=True)
     graph.start(weld.launcher)
     page = weld.command()
-    page.seen("progress", lambda frame: frame["state"] == "running")
+    # not its first report, so that the supervisor has heard of the programme, too
+    page.seen("progress", lambda frame: (frame["state"], frame["phase"]) == ("running", "joint_line"))
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=822)
     assert (refused["outcome"], "hold the programme first" in refused["message"]) == ("refused", True)
     assert page.ask("weld", action="hold")["outcome"] == "done"
@@ -249,10 +260,9 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     page.until("tick", lambda _: page.value("reference_temperature_c") == 825.0)
     assert page.ask("weld", action="abort")["outcome"] == "done"
     weld.until(lambda: not weld.launcher.children["scenario"].running, "the end of the player")
+    weld.until(lambda: recorded_actions(graph.bag)[-1][0] == "weld abort", "the record")
     weld.launcher.stop("recorder")
-    with BagReader(graph.bag) as bag:
-        recorded = [decode(bag, one) for one in bag.records(topics=["/fsw/operator_action"])]
-    assert [(one.action, one.outcome) for one in recorded][-5:] == [
+    assert recorded_actions(graph.bag)[-5:] == [
         ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),
         ("set-points 2.7 mm, 822 °C", "done"),

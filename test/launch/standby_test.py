@@ -48,12 +48,19 @@ class TestStandby(unittest.TestCase):
             eye.until(steady, f"{TICKS} commands of the controller from one supervisor")
             del commands[:-TICKS]
             first = states[-1].header.frame_id
-            leading = eye.node.get_publishers_info_by_topic("/fsw/command")
-            self.assertEqual(len(leading), 1)
+            leading = []
+
+            def one_leads():
+                leading[:] = eye.node.get_publishers_info_by_topic("/fsw/command")
+                return len(leading) == 1
+
+            eye.until(one_leads, "one that commands")
             # On a busy machine the standby may have taken over before.
             kill(domain, *LEADERS[leading[0].node_name])
-            eye.until(lambda: states[-1].header.frame_id != first, "the other one leads")
-            self.assertEqual(states[-1].requested_by, "takeover")
+            eye.until(
+                lambda: any(one.header.frame_id != first and one.requested_by == "takeover" for one in states),
+                "the other one leads, by a takeover",
+            )
             eye.until(steady, f"{TICKS} commands of the controller from the other one")
         # A tick or two are lost, more where the machine is busy: by the clock that is tested in fsw_supervisor.
         self.assertLessEqual({command.source for command in commands}, {"decentral", "hold"})

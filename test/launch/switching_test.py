@@ -64,7 +64,7 @@ class TestSwitching(unittest.TestCase):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             eye.until(lambda: states, "the supervisor's state")
-            before = states[-1].actual_controller
+            before = states[-1].target_controller
             answer = eye.call(
                 SwitchController,
                 "fsw/switch_controller",
@@ -72,7 +72,7 @@ class TestSwitching(unittest.TestCase):
             )
             self.assertFalse(answer.ok)
             self.assertIn("nobody", answer.message)
-            self.assertEqual(states[-1].actual_controller, before)
+            self.assertEqual(states[-1].target_controller, before)
 
 
 @post_shutdown_test()

@@ -26,7 +26,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from fsw_control.free_domain import free_domain
-from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
 
@@ -120,10 +119,12 @@ class WeldUnderTest:
         processes as launch does.
         """
         scenario = parse(self.scenario, overrides=[f"controller={self.controllers[0]}"])
+        from fsw_test_support.patient_weld import PatientWeld
+
         exits: list[Exit] = []
         with free_domain() as domain, Launcher(folder / "log", domain, patience_s=240.0) as launcher:
             options = {"realtime": True, "record": self.record, "standby": self.standby}
-            graph = WeldGraph(scenario, folder, self.controllers, **options)
+            graph = PatientWeld(scenario, folder, self.controllers, **options)
             graph.start(launcher)
 
             def stop() -> None:

@@ -97,8 +97,10 @@ class MachineWeld(Spinner):
         return "" if status is None else status.message
 
     def value(self, part, key):
-        status = self.reports[f"fsw_machine: {part}"]
-        return next(pair.value for pair in status.values if pair.key == key)
+        """A value of the gateway's last diagnostics of a part, as a text."""
+        name = f"fsw_machine: {part}"
+        self.until(lambda: name in self.reports, f"diagnostics of {part}")
+        return next(pair.value for pair in self.reports[name].values if pair.key == key)
 
     def until_report(self, part, text):
         self.until(lambda: text in self.report(part), f"{part}: {text}")

@@ -297,6 +297,8 @@ def test_bad_commands_and_references_are_ignored(start):
     peer.references.publish(WeldReference(depth=math.nan, temperature=850.0))
     peer.commands.publish(WeldCommand(axial_force=math.inf, spindle_speed=1.0))
     peer.command(0, force=77.0)
+    peer.until(lambda: peer.node._applied.ignored == 1 and peer.node._refused_references == 1)
+    peer.until(lambda: peer.node._applied.latest.stamp_ns == 0)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
     assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)

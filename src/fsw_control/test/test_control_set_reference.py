@@ -14,6 +14,7 @@ from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldProgress, WeldReference
 from fsw_msgs.srv import SetReference
 from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
@@ -79,7 +80,8 @@ class Graph(Spinner):
 
 
 @pytest.fixture
-def graph():
+def graph(monkeypatch):
+    monkeypatch.setattr(references_ros, "_ANSWER_S", PATIENCE_S)
     one = Graph()
     yield one
     one.end()

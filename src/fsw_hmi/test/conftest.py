@@ -16,23 +16,23 @@ from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id
 from fsw_test_support.uplot import uplot
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 __all__ = ["domain_id", "uplot"]
 TOKEN = "a token of some length"
 
 
 class Server:
-    """A server whose orders are kept in a queue."""
+    """A server whose orders are kept in a queue; patient unless a test says otherwise: a machine may stand still."""
 
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
         self.orders, self.logins = queue.Queue(), queue.Queue()
-        settings = {"request_timeout_s": 30.0, "patience_s": 30.0, "max_pages": 100} | options
-        room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
-        encrypted, request_s = settings.pop("encrypted", None), settings.pop("request_s", 10.0)
+        settings = {"request_timeout_s": PATIENCE_S, "patience_s": PATIENCE_S, "max_pages": 100} | options
+        self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
+        encrypted = settings.pop("encrypted", None)
         listening = listen("127.0.0.1", 0, settings["patience_s"])
-        self.gate = listening.gate = Gate(request_s=request_s)
+        self.gate = listening.gate = Gate(request_s=PATIENCE_S)
         self.page = LivePage(self.files, room, self._take, know=self.gate.know, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
@@ -84,7 +84,7 @@ def make_server(folder):
     yield make
     for server in servers:
         server.thread.stop()
-        assert not server.thread.alive
+        wait_until(lambda one=server: not one.thread.alive, "the server's end")
 
 
 @pytest.fixture

@@ -182,10 +182,11 @@ def test_strangers_at_many_addresses_shut_no_new_page_out(server):
 
 @pytest.mark.slow
 def test_server_closes_a_request_that_trickles_in_by_the_clock(make_server):
-    server = make_server(request_s=3.0)
+    server = make_server()
     with contextlib.ExitStack() as stack:
         page = stack.enter_context(server.open())
         (late,) = half_open(server, stack, 1, HERE)
+        server.gate._request_s = 1.0
         end_s = time.monotonic() + PATIENCE_S
         with pytest.raises(OSError):
             while time.monotonic() < end_s:

@@ -182,10 +182,11 @@ def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server,
 @pytest.mark.slow
 def test_idle_page_is_told_and_recorded(make_server, users):
     users.go_on.release(100)
-    server = make_server(key=users, rules={"idle_timeout_s": 2.0})
+    server = make_server(key=users)
     with server.open() as otto:
         otto.command(PASSWORD, "otto")
         server.next_order()
+        server.call(setattr, server.room, "_idle_timeout_s", 0.1)
         told = otto.seen("control", lambda frame: frame["note"])
         assert (told["holder"], told["authenticated"], told["may_stop"]) == (None, False, True)
         order = server.next_order()

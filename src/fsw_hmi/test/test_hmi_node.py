@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
-from fsw_hmi import hmi_node, main
+from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
 from fsw_hmi.hmi_node import HmiNode
 from fsw_msgs.msg import (
     AlarmEvent,
@@ -37,11 +37,19 @@ from fsw_msgs.msg import (
 )
 from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
 from fsw_test_support.page_client import Page
-from fsw_test_support.waiting import wait_until
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
 TOKEN = "a token of some length"
 START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """A machine may stand still for some time; how long silence lasts until it is told, is tested by the clock."""
+    for module in (alarm_rules, hmi_node, watch_ros):
+        monkeypatch.setattr(module, "NO_REPORT_S", PATIENCE_S)
+    monkeypatch.setattr(alarms, "_RESTART_S", PATIENCE_S)
 
 
 def states(frame):
@@ -179,8 +187,12 @@ def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_wa
 
 def test_ticks_reach_the_page(graph, page):
     graph.tick_until(lambda: "tick" in page.frames or page.receive()["t"] == "tick", "a tick")
-    graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("torque_nm") == 1000.0, "a whole tick")
-    assert page.value("depth_mm") == 2.66
+
+    def is_whole():
+        return page.receive()["t"] == "tick" and None not in (page.value("depth_mm"), page.value("torque_nm"))
+
+    graph.tick_until(is_whole, "a whole tick")
+    assert (page.value("depth_mm"), page.value("torque_nm")) == (2.66, 1000.0)
     assert (page.value("temperature_c"), page.value("angle_deg")) == (None, None)
     graph.progress.publish(WeldProgress(state="running", phase="joint_line", angle=radians(143.0)))
     graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("angle_deg") == 143.0, "the angle")
@@ -202,34 +214,22 @@ def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhi
     graph.tick_until(is_cleared, "the end of the alarm")
 
 
-def test_state_prediction_and_alarms_reach_the_page(graph, page):
+def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
-    state = SupervisorState(
-        actual_mode="auto", target_mode="auto", controllers=[health], interlocks=["depth_high:warn"]
+    graph.states.publish(
+        SupervisorState(actual_mode="auto", target_mode="auto", controllers=[health], interlocks=["depth_high:warn"])
     )
-
-    def stated(kind, condition):
-        """As a supervisor does, it states its state again and again: one that falls silent is not known any more."""
-        if kind in page.frames and condition(page.frames[kind]):
-            return page.frames[kind]
-        graph.states.publish(state)
-        while True:
-            frame = page.receive()
-            if frame["t"] == kind and condition(frame):
-                return frame
-            if frame["t"] == "beat":
-                graph.states.publish(state)
-
-    shown = stated("state", lambda frame: frame["known"])
+    shown = page.seen("state", lambda frame: frame["known"])
     assert (shown["actual_mode"], shown["controllers"][0]["ready"]) == ("auto", True)
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
     wait_until(predictions.get_subscription_count, "the page at the predictions")
     predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
     plan = page.until("prediction")
     assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
-    stated("alarms", lambda frame: ("interlock:depth_high", "active") in states(frame))
+    page.seen("alarms", lambda frame: ("interlock:depth_high", "active") in states(frame))
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
-    stated("alarms", lambda frame: ("interlock:depth_high", "acknowledged") in states(frame))
+    page.seen("alarms", lambda frame: ("interlock:depth_high", "acknowledged") in states(frame))
+    monkeypatch.setattr(hmi_node, "NO_REPORT_S", 0.0)
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
@@ -270,6 +270,7 @@ def test_answers_of_services(graph, page):
     assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"] == "depth 0.0001"
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
+    wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
     wait_until(lambda: len(graph.actions) == 10, "the record of all actions")
     assert (graph.actions[0].action, graph.actions[0].message) == ("log in", "logged in as anna, role engineer")
@@ -359,8 +360,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
         return lambda frame: [one["state"] for one in of_recorder(frame)] == [state]
 
     def of_recorder(frame):
-        """Where the machine stands still for some time it reports no longer, which is another alarm."""
-        return [one for one in frame["alarms"] if one["text"].startswith("fsw_recorder: recording")]
+        return [one for one in frame["alarms"] if one["id"] == "part:fsw_recorder"]
 
     report(DiagnosticStatus.ERROR, "disk full")
     (alarm,) = of_recorder(page.seen("alarms", now("active")))

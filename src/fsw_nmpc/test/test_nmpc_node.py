@@ -18,6 +18,7 @@ from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTor
 from fsw_nmpc import NmpcController
 from fsw_test_support.nmpc_problems import finish_changes
 from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 
@@ -118,14 +119,14 @@ def test_process_starts_says_its_solver_and_ends_cleanly():
     ) as node:
         line = node.stdout.readline()
         node.send_signal(signal.SIGINT)
-        rest, _ = node.communicate(timeout=30)
+        rest, _ = node.communicate(timeout=PATIENCE_S)
     assert "solver: rti, 54 blocks" in line
     assert node.returncode == 0, rest
 
 
 def test_wrong_parameter_is_one_line_and_exit_code():
     command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "calmness:=33.0"]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert run.returncode == 2
     assert "calmness" in run.stderr
     assert "Traceback" not in run.stderr

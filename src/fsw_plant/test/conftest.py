@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from fsw_test_support.ros_graph import Spinner, domain_id
+from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id"]
 
@@ -24,7 +25,8 @@ class Graph(Spinner):
 
         from fsw_plant.plant_node import PlantNode
 
-        given = {"discovery_s": 0.0} | {name.replace("__", "."): value for name, value in parameters.items()}
+        patient = {"discovery_s": 0.0, "lockstep_timeout_s": PATIENCE_S, "lockstep_give_up_s": 0.0}
+        given = patient | {name.replace("__", "."): value for name, value in parameters.items()}
         settings = [text for name, value in given.items() for text in ("-p", f"{name}:={value}")]
         rclpy.init(args=["test", "--ros-args", *arguments, *settings], domain_id=self.domain)
         self.peer = Peer(rclpy.create_node("peer", use_global_arguments=False), answer)

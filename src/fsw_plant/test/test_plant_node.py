@@ -170,17 +170,19 @@ def test_dead_lockstep_ends_with_an_error(graph):
 def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
     peer = graph.start()
     begin = time.time_ns()
+    heard = len(peer.got["temperature"])
+    graph.until(lambda: len(peer.got["temperature"]) >= heard + 8)
+    assert (time.time_ns() - begin) * 1e-9 > 0.5  # the first of these may be overdue, and the second soon after it
 
     def steps():
         return [after - before for before, after in pairwise(peer.stamps("temperature"))]
 
     graph.until(lambda: steps().count(TICK_NS) >= 6)  # a busy machine may force jumps, which are other steps
-    assert (time.time_ns() - begin) * 1e-9 > 0.5
     stamps = peer.stamps("temperature")
     for topic in SENSOR_TOPICS:
         graph.until(lambda topic=topic: len(peer.stamps(topic)) >= len(stamps))
         assert peer.stamps(topic)[: len(stamps)] == stamps
-    assert abs(stamps[0] - begin) < 10_000_000_000
+    assert abs(stamps[0] - begin) < PATIENCE_S * 1e9
     assert peer.got["clock"] == []
 
 
@@ -193,7 +195,7 @@ def test_simulated_time_at_a_pace(graph):
 
 def test_use_sim_time_means_that_the_plant_makes_it(graph):
     peer = graph.start(use_sim_time="true")
-    graph.until(lambda: len(peer.got["clock"]) >= 3)
+    graph.until(lambda: len(peer.got["clock"]) >= 3 and len(peer.got["depth"]) >= 3)
     assert peer.stamps("depth")[:3] == [TICK_NS, 2 * TICK_NS, 3 * TICK_NS]
 
 

@@ -36,7 +36,9 @@ def split_weld(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "weld_0.mcap").read_bytes()
 
 
-fuzz = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+fuzz = settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 
 
 @contextmanager

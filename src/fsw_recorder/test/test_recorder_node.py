@@ -80,11 +80,12 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
     recorder = start_recorder(graph, bag, f"scenario:={scenario}", "custom_data:=[operator=me]")
     talk(graph, depth, 500)
     graph.until(lambda: latched.get_subscription_count() and unreliable.get_subscription_count())
+    until_recorded(graph, bag, 500)  # with nothing else on the way, nothing unreliable is lost
     talk(graph, unreliable, 5)
     new = graph.node.create_publisher(ShoulderDepth, "/new/topic", 10)
     talk(graph, new, 7)
     graph.until(lambda: b"gain" in (bag / "bag_0.mcap").read_bytes())
-    for number, topic in ((500, "/fsw/depth"), (5, "/unreliable"), (7, "/new/topic")):
+    for number, topic in ((5, "/unreliable"), (7, "/new/topic")):
         until_recorded(graph, bag, number, topic)
     code, output = graph.end(recorder, signal.SIGINT)
     assert code == 0, output
@@ -131,10 +132,12 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     heard = depths_of(bag)
     best_effort = set(range(101, 200, 2))  # a busy machine may lose some of these
     assert len(heard) == len(set(heard)) and set(heard) | best_effort == set(range(200))
-    assert best_effort & set(heard)
+    came = best_effort & set(heard)
+    assert came
     assert len(records_of(bag, "/latched")) == 3
     with BagReader(bag) as reader:
-        assert (reader.info().custom_data["lost_messages"] == "0") == (best_effort <= set(heard))
+        lost = int(reader.info().custom_data["lost_messages"])
+    assert (lost > 0) == any(one < max(came) for one in best_effort - came)  # known by what comes after it
 
 
 def test_services(graph: Any, tmp_path: Path) -> None:
@@ -304,21 +307,14 @@ def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path:
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     first = start_recorder(graph, bag, "number_if_taken:=true")
     talk(graph, depth, 100)
-    graph.until(lambda: len(depths_of(bag)) == 100)
+    until_recorded(graph, bag, 100)
     first.kill()
     first.wait()
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
     second = start_recorder(graph, bag, "number_if_taken:=true")
     numbers = count(100)  # the killed one counts as a subscriber until its lease ends
     timer = graph.node.create_timer(0.01, lambda: depth.publish(ShoulderDepth(depth=float(next(numbers)))))
-
-    def has_begun() -> bool:
-        try:
-            return len(depths_of(sibling)) >= 50
-        except BagError:  # no file yet, or an empty one
-            return False
-
-    graph.until(has_begun)
+    until_recorded(graph, sibling, 50)
     graph.node.destroy_timer(timer)
     code, output = graph.end(second, signal.SIGINT)
     assert code == 0 and "weld exists already" in output and "weld_1" in output

@@ -12,6 +12,8 @@ from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldProgress, WeldReference
+from fsw_msgs.srv import SetMode
+from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario_node import ScenarioNode
 from fsw_test_support.ros_graph import Spinner
 
@@ -91,6 +93,52 @@ def test_one_depth_stamp_far_ahead_does_not_end_the_programme(graph):
     assert not graph.player.finished
     assert graph.player._tick == graph.number
     assert graph.player._programme.machine.held == 0
+
+
+def test_held_programme_stands_still_until_it_is_resumed(graph):
+    for _ in range(5):
+        before = graph.tick()
+    graph.until(lambda: len(graph.follows._waiting) == 20, "the ramp that is sent ahead")
+    refused = graph.ask("resume")
+    assert (refused.success, refused.message) == (False, "refused: the weld is running; it must be held")
+    assert graph.ask("hold").success
+    graph.until(lambda: graph.progress[-1].state == "held", "the hold")
+    held = graph.progress[-1]
+    graph.until(lambda: graph.in_force and graph.follows.mark == "programme 1", "the set-points of the hold")
+    for _ in range(60):
+        assert graph.tick() == before, "the set-points that were sent ahead are void"
+    refused = graph.ask("hold")
+    assert (refused.success, refused.message) == (False, "refused: the weld is held; it must be running")
+    graph.until(lambda: convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS, "a report")
+    now = graph.progress[-1]
+    assert (now.state, now.angle, now.length, now.time_left) == ("held", held.angle, held.length, held.time_left)
+    assert graph.ask("resume").success
+    graph.until(lambda: graph.tick().temperature_c == 818.4, "the set-point that was put off")
+    assert graph.progress[-1].state == "running"
+
+
+@pytest.mark.parametrize("first", ["", "hold"])
+def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first, capsys):
+    graph.tick()
+    if first:
+        assert graph.ask(first).success
+    answer = graph.ask("abort")
+    assert answer.success and answer.message.startswith("aborted in phase dwell at 0.")
+    graph.until(lambda: graph.progress[-1].state == "aborted", "the report")
+    asked = []
+
+    def on_mode(request, response):
+        asked.append(request.mode)
+        response.ok, response.message = len(asked) > 1, "the mode is safe_stop"
+        return response
+
+    graph.peer.create_service(SetMode, "fsw/set_mode", on_mode)
+    with pytest.raises(SystemExit) as ended:
+        graph.until(lambda: False)
+    assert ended.value.code == ABORTED
+    assert asked == ["safe_stop", "safe_stop"]
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith("scenario: the weld is aborted in phase dwell at 0.") and "safe_stop" in last
 
 
 def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph):

@@ -185,6 +185,9 @@ class Arbiter:
         if reason:
             self.machine.lead(reason)
         self.operator.manual = self.applied  # the manual mode goes on with the command in force
+        target = self.machine.target_mode
+        if target is not Mode.AUTO:  # accepted by a leader that may have sent no command since
+            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "takeover")
         self.ticks.send()
         return self.ticks.decide()
 

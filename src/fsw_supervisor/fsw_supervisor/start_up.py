@@ -115,7 +115,8 @@ class StartUp:
         why_not = "no proposal yet" if candidate is None else candidate.refusal or self._registry.blind(name)
         if not why_not:
             reason = f"{name} was active before" if self.was_active else f"{name} is configured to start with"
-            machine.set_target(name)
+            if self._in_force.before_first:  # after a gap the target is known, and stays though a fallback was active
+                machine.set_target(name)
             self.was_active = ""
             machine.fire(Trigger.READY, reason, "start", name)
             return ""

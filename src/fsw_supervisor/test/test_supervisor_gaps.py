@@ -87,6 +87,20 @@ def test_stopped_between_the_drives_and_the_sensors(feed):
     assert {decision.source for decision in feed.out} <= {"hold", feed.active}
 
 
+def test_target_outlasts_a_gap_in_which_a_fallback_is_active(feed):
+    """So that the operator sees that another controller commands, and ``return_to_target`` goes back."""
+    feed.rig.silent.add(feed.active)
+    assert feed.go_on() == feed.other
+    feed.rig.silent.clear()
+    feed.now_s = feed.rig.now_s
+    feed.pause(1.5)
+    feed.stamp_ns = feed.rig.stamp_ns
+    feed.next(15)
+    assert feed.go_on() == feed.other
+    assert feed.arbiter.machine.reason == f"{feed.other} was active before"
+    assert (feed.arbiter.machine.target, feed.arbiter.machine.active) == (feed.active, feed.other)
+
+
 def test_stopped_between_two_sensors_of_a_tick_that_not_all_have_seen(feed):
     """The sample reached the supervisor and the other controller, not the active one."""
     feed.drives()

@@ -200,6 +200,23 @@ def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
     assert (b.arbiter.machine.mode, b.arbiter.machine.target_mode) == (mode, mode)
 
 
+@pytest.mark.requirement("S9", "S25")
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP])
+def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is_not_lost(world, mode):
+    a, b = world.members
+
+    def ask(member):
+        assert member.arbiter.operator.ask_mode(str(mode), Command(78.0, 407.0), "operator")[0]
+
+    a.hear(ask)
+    world.now_s += 0.01
+    world._wires()  # what it tells of itself
+    world.members.remove(a)
+    world.tick(10)
+    assert world.source == mode
+    assert (b.arbiter.machine.mode, b.arbiter.machine.requested_by) == (mode, "takeover")
+
+
 @pytest.mark.requirement("S25")
 def test_it_keeps_the_latch_of_a_safe_stop_and_wants_an_acknowledgement_of_its_own(world):
     a, b = world.members

@@ -22,7 +22,7 @@ def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = PATIE
         time.sleep(0.01)
 
 
-def wait_for_text(launcher: Launcher, name: str, pattern: str, timeout_s: float = 120.0) -> str:
+def wait_for_text(launcher: Launcher, name: str, pattern: str, timeout_s: float = PATIENCE_S) -> str:
     """Wait until a process has printed something that matches; returns what matched."""
     found: list[str] = []
 
