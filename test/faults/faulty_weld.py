@@ -167,7 +167,7 @@ class Weld(Spinner):
         if name in SUPERVISORS:
             settings += ["fallbacks:=[decentral, nmpc]", "storm_swaps:=0", "readmit_ticks:=10"]
             # the times of a machine that may stand still meanwhile
-            settings += ["takeover_wait_s:=2.0", "lockstep_deadline_s:=5.0"]
+            settings += ["takeover_wait_s:=2.0", "lockstep_deadline_s:=5.0", "lockstep_shadow_wait_s:=5.0"]
         if name == "standby":
             settings.append("standby:=true")
             remaps.append("__node:=fsw_supervisor_standby")
@@ -298,16 +298,26 @@ class Weld(Spinner):
         truths = self.truths[first:-3]
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in truths]
         moves = []  # pairs: what acts or was commanded, and the command that follows
-        for (_, before), (truth, after) in itertools.pairwise(
-            (truth, self.commands.get(stamp)) for stamp, truth in zip(stamps, truths, strict=True)
-        ):
+        commands = [self.commands.get(stamp) for stamp in stamps]
+        for k, (before, after) in enumerate(itertools.pairwise(commands), 1):
             if after is None:
                 continue
+            new = convert.command(after)
             if before is not None:
-                moves.append((convert.command(before), convert.command(after)))
-            else:  # after lost ticks it goes on from what acts, which the watchdog may have changed
-                acts = Command(units.kn_from_n(truth.axial_force), units.rpm_from_rad_s(truth.spindle_speed))
-                moves.append((acts, convert.command(after)))
+                moves.append((convert.command(before), new))
+            else:  # after lost ticks it goes on from what acts; the newest feedback may be some ticks old, while the
+                # watchdog moves the drives
+                acting = (
+                    Command(units.kn_from_n(truth.axial_force), units.rpm_from_rad_s(truth.spindle_speed))
+                    for truth in truths[max(0, k - (0 if self.lockstep else 5)) : k + 1]
+                )
+                nearest = min(
+                    acting,
+                    key=lambda one: (
+                        abs(one.force_kn - new.force_kn) / MOVE_KN + abs(one.speed_rpm - new.speed_rpm) / MOVE_RPM
+                    ),
+                )
+                moves.append((nearest, new))
         return Outcome(
             exact=self.lockstep,
             ticks=len(stamps),
