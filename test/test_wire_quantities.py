@@ -13,6 +13,20 @@ _OF_CORE = {
     "depth [m]": ("depth_mm", 1e-3),
     "temperature [degC]": ("temperature_c", 1.0),
     "torque_scale": ("torque_scale", 1.0),
+    "depth_rate [m/s]": ("depth_rate_mm_per_s", 1e-3),
+    "temperature_rate [degC/s]": ("temperature_rate_c_per_s", 1.0),
+    "depth_gain": ("depth_gain", 1.0),
+    "force_deviation [N]": ("force_deviation_kn", 1e3),
+    "power_deviation [W]": ("power_deviation_kw", 1e3),
+    "torque_scale_deviation": ("torque_scale_deviation", 1.0),
+    "depth_deviation [m]": ("depth_deviation_mm", 1e-3),
+    "temperature_deviation [degC]": ("temperature_deviation_c", 1.0),
+    "depth_rate_deviation [m/s]": ("depth_rate_deviation_mm_per_s", 1e-3),
+    "temperature_rate_deviation [degC/s]": ("temperature_rate_deviation_c_per_s", 1.0),
+    "depth_gain_deviation": ("depth_gain_deviation", 1.0),
+    "copper_temperature [degC]": ("copper_temperature_c", 1.0),
+    "attainable_depth [m]": ("attainable_depth_mm", 1e-3),
+    "attainable_temperature [degC]": ("attainable_temperature_c", 1.0),
 }
 
 
