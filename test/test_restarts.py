@@ -183,6 +183,8 @@ def test_a_safe_stop_outlives_all_supervisors(make_weld, capsys):
     weld = make_weld(standby=True)
     weld.until(lambda: weld.role("standby") == "standby", "the standby")
     obeyed(weld, capsys, lambda: weld.source == "safe_stop", "mode", "safe_stop")
+    told = ["safe_stop"] * 5  # until then, those who remember it for the next supervisors may not have heard of it
+    weld.until(lambda: [message.source for message in weld.commands[-5:]] == told, "a safe stop in force")
     for name in ("supervisor", "standby"):
         weld.kill(name)
     before = len(weld.commands)
