@@ -25,7 +25,15 @@ OLDEST = "--oldest"
 BY_FILE = ["--dist", "loadfile", "--no-loadscope-reorder"]
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), *BY_FILE]
 #: Graphs against the clock, after all others: only their folders are collected, those of the longest files first.
-REAL_TIME = ["test/machine", "test/hmi", "test/faults", "test/launch", *PARALLEL]
+REAL_TIME = [
+    "test/machine",
+    "test/hmi",
+    "test/faults",
+    "test/launch",
+    "-n",
+    str(min(4, 1 + (os.cpu_count() or 1))),
+    *BY_FILE,
+]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
 OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this

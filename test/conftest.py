@@ -1,6 +1,6 @@
 """The tests of whole welds are all slow; those of graphs that run against the clock run last, and by themselves.
 
-Among the tests of faults and of the page at a weld each says so itself: most are in lockstep.
+Among the other tests of faults and those of the page at a weld each says so itself: most are in lockstep.
 """
 
 from pathlib import Path
@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 _HERE = Path(__file__).resolve().parent
-_REAL_TIME = ("launch", "test_machine_chain.py", "test_hmi_page_graph.py", "test_hmi_live_demo.py")
+_REAL_TIME = (
+    "launch",
+    "test_fault_controllers.py",
+    "test_machine_chain.py",
+    "test_hmi_page_graph.py",
+    "test_hmi_live_demo.py",
+)
 
 
 def pytest_collection_modifyitems(items):
