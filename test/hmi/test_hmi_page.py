@@ -35,6 +35,34 @@ def test_value_far_off_its_set_point_is_not_normal_though_inside_its_limits(fake
     expect(page.locator("#verdict strong")).to_have_text("Temperature: off its aim, high")
 
 
+def test_set_point_out_of_reach_is_marked_with_what_is_attainable(fake, open_page):
+    page = ready(open_page(fake.url))
+    tile, mark = page.locator("#value-temperature_c"), page.locator("#value-temperature_c .goal")
+    expect(mark).to_be_hidden()
+    fake.attainable = {"depth_mm": 2.66, "temperature_c": 831.0}
+    fake.push()
+    expect(tile.locator(".flag")).to_have_text("● attainable 831.0")
+    expect(mark).to_be_visible()
+    fake.temperature_offset_c = 37.0  # which it explains
+    expect(tile.locator(".flag")).to_have_text("▲ attainable 831.0")
+    fake.temperature_offset_c, fake.attainable = 0.0, None
+    fake.push()
+    expect(tile.locator(".flag")).to_be_empty()
+    expect(mark).to_be_hidden()
+
+
+def test_prediction_has_a_band(fake, open_page):
+    page = ready(open_page(fake.url))
+    expect(page.locator(".legend")).to_contain_text("expected, ± 2 σ")
+    translucent = """(() => {
+        const canvas = document.querySelector(".trend.temperature_c canvas");
+        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        return data.filter((one, i) => i % 4 === 3 && one === 0x66).length > 500;
+    })()"""
+    until(page, translucent)
+    shot(page, "prediction_band")
+
+
 def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     page = ready(open_page(fake.url))
     in_control(page)

@@ -14,7 +14,8 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.contract import Command, Controller, Proposal
+from fsw_control.attainable import attainable_of, out_of_reach
+from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
 from fsw_control.message_synchronizer import MessageSynchronizer, SampleSet
@@ -62,6 +63,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(initial)
+        self._deviations = getattr(self._controller, "plan_deviations", None)
         self._references = reference_queue(self, self._on_bad_reference)
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
@@ -69,6 +71,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
         self._synchronizer = MessageSynchronizer(await_drives=self._lockstep)
         self._health: tuple[bool, str] | None = None
+        self._replaced: tuple[Reference | None, Reference | None] = None, None
         self._steps = 0
         self._unhealthy_steps = 0
         self._refused_references = 0
@@ -161,6 +164,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
+        self._replaced = reference, attainable_of(proposal.diagnosis.disturbances)
         self._followed.update(tick.stamp_ns, reference, self._references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
@@ -183,9 +187,10 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
-            if proposal.diagnosis.plan is not None:
-                self._predictions.publish(convert.prediction_message(proposal.diagnosis.plan, time_ns))
-        except (TypeError, ValueError, AssertionError, AttributeError) as error:
+            if (plan := proposal.diagnosis.plan) is not None:
+                deviations = self._deviations(plan.time_s) if self._deviations else ((), ())
+                self._predictions.publish(convert.prediction_message(plan, time_ns, deviations))
+        except (TypeError, ValueError, AssertionError, AttributeError, IndexError) as error:
             # A user's controller may put anything into its diagnosis; its proposal is out already.
             self.get_logger().error(f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0)
 
@@ -209,7 +214,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, reason = False, "measurements have stopped"
         faults = [f"{sensor}: {why}" for sensor, why in self._guard.reasons.items() if why]
-        level = OK if healthy and not faults else WARN
+        asked, attainable = self._replaced
+        out = out_of_reach(asked, attainable) if asked and attainable else ""
+        level = OK if healthy and not faults and not out else WARN
         if not healthy and self._steps:
             level = ERROR
         values: dict[str, object] = {
@@ -226,7 +233,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         for sensor, counts in self._synchronizer.counts.items():
             values |= {f"{sensor} {what}": count for what, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
-        text = reason or ", ".join(faults) or "proposing"
+        text = reason or ", ".join(faults) or (f"set-point out of reach: {out}" if out else "proposing")
         self._diagnostics.publish([Report(f"controller {self._controller_name}", level, text, values)])
 
 

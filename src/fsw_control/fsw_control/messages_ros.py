@@ -179,8 +179,21 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
     return [name for name, _ in wire], values
 
 
-def prediction_message(plan: Plan, time_ns: int) -> Prediction:
-    """Horizon of a predictive controller."""
+def attainable(message: ControllerStatus) -> Reference | None:
+    """The set-points that a controller goes for; None where it does not tell them."""
+    wire = dict(zip(message.disturbance_names, message.disturbances, strict=False))
+    names = [_WIRE[name][0] for name in ("attainable_depth_mm", "attainable_temperature_c")]
+    if not wire.keys() >= set(names):
+        return None
+    depth_m, temperature_c = (float(wire[name]) for name in names)
+    return Reference(units.mm_from_m(depth_m), temperature_c)
+
+
+def prediction_message(
+    plan: Plan, time_ns: int, deviations: tuple[Iterable[float], Iterable[float]] = ((), ())
+) -> Prediction:
+    """Horizon of a predictive controller, with the standard deviations of depth and temperature along it."""
+    depth_mm, temperature_c = deviations
     return Prediction(
         header=header(time_ns),
         time=list(map(float, plan.time_s)),
@@ -188,4 +201,6 @@ def prediction_message(plan: Plan, time_ns: int) -> Prediction:
         temperature=list(map(float, plan.temperature_c)),
         axial_force=[units.n_from_kn(value) for value in plan.force_kn],
         spindle_speed=[units.rad_s_from_rpm(value) for value in plan.speed_rpm],
+        depth_deviation=[units.m_from_mm(value) for value in depth_mm],
+        temperature_deviation=list(map(float, temperature_c)),
     )

@@ -121,6 +121,10 @@ def test_prediction():
     message = convert.prediction_message(plan, 0)
     assert list(message.depth) == pytest.approx([2.6e-3, 2.7e-3])
     assert list(message.spindle_speed) == pytest.approx([400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0])
+    assert list(message.depth_deviation) == [], "where the controller tells none"
+    told = convert.prediction_message(plan, 0, ((0.004, 0.005), (0.2, 0.3)))
+    assert list(told.depth_deviation) == pytest.approx([4e-6, 5e-6])
+    assert list(told.temperature_deviation) == pytest.approx([0.2, 0.3])
 
 
 def test_a_plan_of_set_points_goes_there_and_back():

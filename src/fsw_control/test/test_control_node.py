@@ -48,13 +48,18 @@ class Echo:
         self.seen = []
         self.resets = 0
         self.raises = False
+        self.attainable = {}
+
+    def plan_deviations(self, time_s):
+        return [0.004] * len(time_s), [0.2] * len(time_s)
 
     def step(self, measurement, reference, applied, dt_s):
         self.seen.append((measurement, reference, applied, dt_s))
         if self.raises:
             raise RuntimeError("broken on purpose")
         plan = Plan((0.1,), (2.66,), (850.0,), (78.0,), (400.0,))
-        diagnosis = Diagnosis(disturbances={"depth_mm": 1.0}, active_limits=("force_max",), plan=plan)
+        told = {"depth_mm": 1.0, **self.attainable}
+        diagnosis = Diagnosis(disturbances=told, active_limits=("force_max",), plan=plan)
         return Proposal(Command(applied.force_kn + self.gain, applied.speed_rpm), diagnosis=diagnosis)
 
     def reset(self, applied):
@@ -167,6 +172,21 @@ def test_answers_a_tick_with_its_stamp_in_si_units(start):
     assert list(status.disturbances) == pytest.approx([1e-3])
     assert list(prediction.depth) == pytest.approx([2.66e-3])
     assert list(prediction.axial_force) == pytest.approx([78e3])
+    assert list(prediction.depth_deviation) == pytest.approx([4e-6])
+    assert list(prediction.temperature_deviation) == pytest.approx([0.2])
+
+
+def test_diagnostics_say_that_a_set_point_is_out_of_reach(start):
+    peer = start()
+    peer.refer()
+    peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 835.0}
+    peer.tick(0)
+    told = "set-point out of reach: 850 degC asked, 835 degC attainable: speed at its upper bound"
+    peer.until(lambda: any(a.status[0].message == told for a in peer.got["diagnostics"]))
+    peer.controller.attainable = {"attainable_depth_mm": 2.66, "attainable_temperature_c": 850.0}
+    peer.tick(1)
+    before = len(peer.got["diagnostics"])
+    peer.until(lambda: any(a.status[0].message == "proposing" for a in peer.got["diagnostics"][before:]))
 
 
 def test_follows_the_applied_command_of_the_tick_before(start):

@@ -33,6 +33,7 @@ class AlarmDesk:
         self._node, self._watch = node, watch
         self._rules = AlarmRules(setting)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
+        self._replaced: dict[str, float] | None = None
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
     def judge(self) -> bool:
@@ -41,13 +42,17 @@ class AlarmDesk:
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
-        before, self._reach = self._reach, self._rules.reach(situation, listed)
+        before = self._reach, self._replaced
+        self._reach, goal = self._rules.reach(situation, listed), self._rules.replaced
+        told = goal and {"depth_mm": round(goal.depth_mm, 2), "temperature_c": round(goal.temperature_c, 1)}
+        self._replaced = told or None
         self._publish()
-        return changed or before != self._reach
+        return changed or before != (self._reach, self._replaced)
 
     def frame(self) -> dict[str, Any]:
         """Content of the frame ``alarms``."""
-        return {"alarms": self.list.rows(time.monotonic(), time.time()), "reach": self._reach}
+        rows = self.list.rows(time.monotonic(), time.time())
+        return {"alarms": rows, "reach": self._reach, "attainable": self._replaced}
 
     def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
         """Do what a person asked for; returns whether it was done, and words."""
@@ -71,6 +76,7 @@ class AlarmDesk:
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
             sensor_reasons=watch.sensor_reasons,
             values=watch.values,
+            attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),
         )

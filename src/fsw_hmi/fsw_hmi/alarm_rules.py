@@ -12,8 +12,10 @@ from zlib import crc32
 
 from pydantic import BaseModel
 
-from fsw_control.contract import SENSORS
+from fsw_control.attainable import out_of_reach, wants_heat
+from fsw_control.contract import SENSORS, Reference
 from fsw_hmi.alarms import Alarm
+from fsw_hmi.frames import readable
 from fsw_hmi.limits import QUALITY_TEMPERATURE_C
 from fsw_schema.yaml_text import load_yaml
 
@@ -25,6 +27,8 @@ _NO_SAMPLE_S = 0.5
 _AFTERWARDS = ("recovering",)
 #: how far a value must come back inside its limits, chosen: a fifth of a deviation, 2 degC of the process window
 _BACK, _BACK_C = 0.2, 2.0
+#: set-points that are replaced: share of the least difference from which on they are no longer (chosen)
+_BACK_SHARE = 0.5
 #: a plant reports its watchdog once a second, so later than commands come again
 _WATCHDOG_S = 1.5
 #: nodes whose silence other alarms tell, by alarm
@@ -107,6 +111,8 @@ class Situation:
         What the supervisor says of each sensor, ``good`` if nothing is wrong.
     values : mapping of str to float
         The newest row by column; NaN where unknown.
+    attainable : Reference or None
+        The set-points that the controller which commands goes for.
     parts : mapping of str to (mapping of str to Part)
         By node and part.
     pages : int
@@ -120,6 +126,7 @@ class Situation:
     sample_age_s: Mapping[str, float] = field(default_factory=dict)
     sensor_reasons: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
+    attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)
     pages: int = 1
 
@@ -135,10 +142,16 @@ class AlarmRules:
     ----------
     setting : callable
         Returns a parameter of the node by its name.
+
+    Attributes
+    ----------
+    replaced : Reference or None
+        What stands in for set-points that are out of reach; None while they are not.
     """
 
     def __init__(self, setting: Callable[[str], float]) -> None:
         self._setting = setting
+        self.replaced: Reference | None = None
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._stop: Alarm | None = None
@@ -153,6 +166,7 @@ class AlarmRules:
         self._supervisor(now, now_s, found)
         self._watchdog(now, found)
         self._values(now, found)
+        self._reachable(now, found)
         self._parts(now, found)
         if now.pages > 1:
             found["other_page"] = alarm("other_page")
@@ -279,6 +293,16 @@ class AlarmRules:
         outside = self._is_outside("quality_temperature", now.value("temperature_c"), *QUALITY_TEMPERATURE_C, _BACK_C)
         if outside and not any(name.startswith("interlock:temperature") for name in found):
             found["quality_temperature"] = self._lasting(alarm("quality"), "quality_persistence_s")
+
+    def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
+        """Set-points that the controller replaces by what the drives can hold."""
+        asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
+        goal, share = now.attainable, _BACK_SHARE if self.replaced else 1.0
+        why = out_of_reach(asked, goal, share) if goal is not None and self._measures(now) else ""
+        self.replaced = goal if why else None
+        if goal is not None and why:
+            change = "Lower" if wants_heat(asked, goal) else "Raise"
+            found["out_of_reach"] = alarm("out_of_reach", why=readable(why), change=change)
 
     def _lasting(self, one: Alarm, persistence: str) -> Alarm:
         persistence_s = self._setting(persistence)

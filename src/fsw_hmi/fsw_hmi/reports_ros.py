@@ -70,4 +70,6 @@ def prediction(controller: str, message: Prediction) -> dict[str, Any]:
         "temperature_c": [short(one) for one in message.temperature],
         "force_kn": [short(units.kn_from_n(one)) for one in message.axial_force],
         "speed_rpm": [short(units.rpm_from_rad_s(one)) for one in message.spindle_speed],
+        "depth_mm:deviation": [short(units.mm_from_m(one)) for one in message.depth_deviation],
+        "temperature_c:deviation": [short(one) for one in message.temperature_deviation],
     }

@@ -128,7 +128,8 @@ interface Action {
   outcome: string;
   message: string;
 }
-/** Set-points to come, or a controller's plan: values by quantity, at times of the weld. */
+/** Set-points to come, or a controller's plan: values by quantity, at times of the weld, and as `quantity:deviation` the
+ * standard deviations of what will be measured. */
 type Ahead = { time_s: number[] } & { [quantity: string]: number[] | undefined };
 type Tick = { t: "tick"; server_s: number; row: Row };
 type Frame =
@@ -139,8 +140,8 @@ type Frame =
   | Tick
   | { t: "history"; rows: Row[] }
   | { t: "beat"; tick_age_s: Value }
-  | ({ t: "prediction" } & Ahead)
-  | { t: "alarms"; alarms: Alarm[]; reach: Reach }
+  | ({ t: "prediction"; controller: string } & Ahead)
+  | { t: "alarms"; alarms: Alarm[]; reach: Reach; attainable: SetPoints | null }
   | { t: "actions"; actions: Action[] };
 interface Answer {
   outcome: string;
@@ -178,6 +179,8 @@ interface Note {
 interface Judgement {
   level: "medium" | "high" | null;
   text: string;
+  /** off its set-point or command, and nothing worse */
+  isOff?: boolean;
 }
 interface Choice {
   value: string;

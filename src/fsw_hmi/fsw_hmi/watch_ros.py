@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import SENSORS, Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
@@ -65,6 +65,8 @@ class Watch:
         Signature of the leading supervisor.
     sensor_reasons : dict of str to str
         What the supervisor says of each sensor.
+    attainable : Reference or None
+        The set-points that the controller which commands goes for, where it tells them.
     values : dict of str to float
         The newest row by column; empty before the first.
     """
@@ -84,6 +86,8 @@ class Watch:
         self.state_s = self.progress_s = float("-inf")
         self.leader = ""
         self.sensor_reasons: dict[str, str] = {}
+        self.attainable: Reference | None = None
+        self._goes_for = ""  # the controller that told it
         self.values: dict[str, float] = {}
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
@@ -145,6 +149,9 @@ class Watch:
     def _on_status(self, message: ControllerStatus) -> None:
         if message.selected:
             self.view.solve_ms = 1e3 * message.solve_time if message.solver_status else float("nan")
+            self.attainable, self._goes_for = convert.attainable(message), message.controller
+        elif message.controller == self._goes_for:  # it no longer commands
+            self.attainable = None
 
     def _on_plan(self, controller: str, message: Prediction) -> None:
         now_s = time.monotonic()

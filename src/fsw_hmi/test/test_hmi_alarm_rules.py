@@ -2,6 +2,7 @@
 
 import pytest
 
+from fsw_control.contract import Reference
 from fsw_control.parameters import defaults, load
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id, because
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
@@ -109,6 +110,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
         ({"values": {"force_kn": 86.0}}, "deviation:force_kn", "medium"),
+        ({"attainable": Reference(2.66, 849.0)}, "out_of_reach", "low"),
         ({"values": {"command_speed_rpm": 421.0}}, "deviation:speed_rpm", "medium"),
         ({"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}}, "quality_temperature", "medium"),
         (
@@ -300,3 +302,38 @@ def test_page_gets_the_limits_that_the_alarms_have():
     found = limits({}, {name: SETTINGS[name] for name in SETTINGS if name.startswith("deviation_")})
     assert found["depth_mm"]["quality"] == [-0.1, 0.1]
     assert [found[name]["deviation"] for name in ("temperature_c", "force_kn", "speed_rpm")] == [15.0, 5.0, 20.0]
+
+
+def test_set_point_out_of_reach_is_told_with_what_is_attainable(rules):
+    def told(depth_mm, temperature_c, **changed):
+        found = rules.present(situation(attainable=Reference(depth_mm, temperature_c), **changed), 0.0)
+        return found.get("out_of_reach")
+
+    assert told(2.66, 850.0) is None and told(2.66, 850.4) is None  # the estimates' noise
+    one = told(2.66, 835.2)
+    assert one.text == "Set-point out of reach: 850 °C asked, 835 °C attainable: speed at its upper bound"
+    assert one.advice == "Lower the set-point of temperature"
+    assert rules.replaced == Reference(2.66, 835.2)
+    assert told(2.66, 849.6) is not None, "it must come back further"
+    assert told(2.66, 849.8) is None and rules.replaced is None
+    other = told(2.60, 852.0)
+    assert other.text.endswith("852 °C attainable; 2.66 mm asked, 2.60 mm attainable: speed at its lower bound")
+    assert other.advice == "Raise the set-point of temperature"
+    assert told(2.66, 835.0, tick_age_s=9.0) is None, "what is measured is old"
+
+
+def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules):
+    listed = AlarmList(lambda count: None)
+
+    def states(attainable, now_s):
+        listed.update(rules.present(situation(attainable=attainable), now_s), now_s)
+        return {name: one.state for name, one in listed.entries.items()}
+
+    out, within = Reference(2.66, 835.0), Reference(2.66, 850.0)
+    assert states(out, 0.0) == states(out, 1.9) == {}
+    assert states(out, 2.1) == {"out_of_reach": "active"}
+    assert states(within, 3.0) == states(within, 4.9) == {"out_of_reach": "active"}
+    assert states(within, 5.1) == {"out_of_reach": "cleared"}
+    listed.acknowledge(["out_of_reach"], "anna")
+    assert states(within, 6.0) == {}
+    assert [one.event for one in listed.events] == ["raised", "cleared", "acknowledged"]

@@ -19,13 +19,14 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Command
+from fsw_control.contract import Command, Diagnosis, Proposal, Reference
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
 from fsw_hmi.hmi_node import HmiNode
 from fsw_msgs.msg import (
     AlarmEvent,
     ControllerHealth,
+    ControllerStatus,
     DriveFeedback,
     OperatorAction,
     Prediction,
@@ -223,14 +224,54 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     assert (shown["actual_mode"], shown["controllers"][0]["ready"]) == ("auto", True)
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
     wait_until(predictions.get_subscription_count, "the page at the predictions")
-    predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
+    predictions.publish(
+        Prediction(
+            header=convert.header(START_NS),
+            **{"time": [0.1], "depth": [2.66e-3], "temperature": [816.0]},
+            **{"depth_deviation": [2e-6], "temperature_deviation": [0.25]},
+        )
+    )
     plan = page.until("prediction")
     assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
+    assert (plan["depth_mm:deviation"], plan["temperature_c:deviation"]) == ([0.002], [0.25])
     page.seen("alarms", lambda frame: ("interlock:depth_high", "active") in states(frame))
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
     page.seen("alarms", lambda frame: ("interlock:depth_high", "acknowledged") in states(frame))
     monkeypatch.setattr(hmi_node, "NO_REPORT_S", 0.0)
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
+
+
+def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_are_within(graph, page, monkeypatch):
+    health = ControllerHealth(name="nmpc", warm=True, healthy=True)
+    graph.states.publish(
+        SupervisorState(actual_mode="auto", target_mode="auto", actual_controller="nmpc", controllers=[health])
+    )
+    statuses = graph.node.create_publisher(ControllerStatus, "fsw/nmpc/status", STREAM)
+    wait_until(statuses.get_subscription_count, "the page at the status")
+    graph.stated.publish(convert.reference_message(Reference(2.66, 830.0), 0, issued_ns=1))
+    events = []
+    graph.node.create_subscription(AlarmEvent, "fsw/alarms", events.append, LATCHED)
+
+    def goes_for(temperature_c, source="nmpc"):
+        told = {"attainable_depth_mm": 2.66, "attainable_temperature_c": temperature_c}
+        proposal = Proposal(Command(78.0, 400.0), diagnosis=Diagnosis(disturbances=told))
+        statuses.publish(convert.status_message(proposal, START_NS, "nmpc", source, ()))
+
+    def is_shown(attainable, alarm_state):
+        with suppress(TimeoutError):
+            frame = page.receive(0.05)
+            listed = frame["t"] == "alarms" and dict(states(frame)).get("out_of_reach")
+            return listed == alarm_state and frame["attainable"] == attainable
+        return False
+
+    goes_for(815.04)
+    graph.tick_until(lambda: is_shown({"depth_mm": 2.66, "temperature_c": 815.0}, "active"), "the alarm")
+    goes_for(815.04, source="decentral")  # another one commands, who tells nothing
+    graph.tick_until(lambda: is_shown(None, "cleared"), "its end")
+    kinds = [one.event for one in events if one.id == "out_of_reach"]
+    assert kinds == ["raised", "cleared"]
+    text = next(one.text for one in events if one.id == "out_of_reach")
+    assert text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
 
 
 def test_answers_of_services(graph, page):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
 from fsw_control.parameters import defaults, load, problem
+from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus
 from fsw_nmpc.settings import Settings
@@ -209,6 +212,14 @@ class NmpcController:
             return "the applied command is more than a move outside the bounds"
         status = _STATUS_TEXTS[outputs.solve_status]
         return f"solver: {status}; following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
+
+    def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.
+
+        Not part of the plan, as it takes as long as a step.
+        """
+        depth, temperature = output_deviations(self.library.state, np.array(time_s))
+        return depth.tolist(), temperature.tolist()
 
     def _plan(self) -> Plan:
         outputs, n = self.library.output, len(self._time_s)

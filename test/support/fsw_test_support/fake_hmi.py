@@ -85,6 +85,7 @@ class FakeHmi:
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
+        self.attainable: dict[str, float] | None = None  #: what stands in for set-points out of reach
         self.actions: list[dict[str, Any]] = []
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.requests: list[dict[str, Any]] = []
@@ -167,7 +168,8 @@ class FakeHmi:
     async def _tell(self, socket: WebSocket, session: Session) -> None:
         control = {"t": "control", **self._room.control(session, time.monotonic())}
         reach = {"ok": True, "text": "Commands reach the machine"}
-        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms, "reach": reach}, control]
+        alarms = {"t": "alarms", "alarms": self.alarms, "reach": reach, "attainable": self.attainable}
+        frames = [{"t": "state", **self.state}, alarms, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -401,6 +403,8 @@ def _prediction(time_s: float) -> dict[str, Any]:
         name: [row[COLUMNS.index(name)] for row in rows]
         for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")
     }
+    named["depth_mm:deviation"] = [0.004 + 0.0002 * i for i in range(20)]
+    named["temperature_c:deviation"] = [0.5 + 0.1 * i for i in range(20)]
     return {"t": "prediction", "controller": "nmpc", "time_s": times, **named}
 
 

@@ -28,13 +28,14 @@ class Bar {
     this.#label(this.low, "end lowest");
     this.#label(this.high, "end highest");
     this.planned = this.#part("mark planned");
+    this.goal = this.#part("mark goal");
     this.marker = this.#part("mark marker");
     this.pointer = this.#part("mark pointer");
-    this.update(null, null, null);
+    this.update(null, null, null, null);
   }
 
-  /** `plan` is the programme's set-point, which need not be the one in force. @param {Value} value @param {Value} aim @param {Value} plan */
-  update(value, aim, plan) {
+  /** `plan` is the programme's set-point, which need not be the one in force, `goal` what stands in for one out of reach. @param {Value} value @param {Value} aim @param {Value} plan @param {Value} goal */
+  update(value, aim, plan, goal) {
     const { spec } = this;
     setText(this.value, fixed(value, spec.digits));
     const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, Math.abs(value - aim) < 99.5 ? spec.digits : 0)})` : "";
@@ -43,10 +44,13 @@ class Bar {
     const sign = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";
     setText(this.plan, known(plan) ? `${sign} programme ${fixed(plan, spec.digits)}` : "");
     this.plan.classList.toggle("differs", differs);
-    const { level, text } = judge(spec.key, this.limits, value, aim);
-    this.tile.dataset.level = level ?? "";
-    setText(this.flag, level ? `${SIGN[level]} ${text}` : "");
+    const { level, text, isOff } = judge(spec.key, this.limits, value, aim);
+    const replaced = goal !== null && known(aim) && fixed(goal, spec.digits) !== fixed(aim, spec.digits);
+    const told = replaced && (!level || isOff) ? `attainable ${fixed(goal, spec.digits)}` : text; // why it is off
+    this.tile.dataset.level = level ?? (replaced ? "low" : "");
+    setText(this.flag, told && `${SIGN[level ?? "low"]} ${told}`);
     this.#point(this.planned, differs ? plan : null);
+    this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);
     this.#point(this.marker, aim);
     if (aim !== this.drawnAim) this.#followAim(aim);
@@ -105,9 +109,12 @@ export class Bars {
     root.replaceChildren(...this.bars.map((bar) => bar.tile));
   }
 
-  /** Show the values beside the programme's set-points. @param {Values} values @param {Programme?} programme */
-  update(values, programme = null) {
-    const plan = /** @type {Values?} */ (/** @type {unknown} */ (programme));
-    for (const bar of this.bars) bar.update(values[bar.spec.key] ?? null, values[bar.spec.aim] ?? null, plan?.[bar.spec.key] ?? null);
+  /** Show the values beside the programme's set-points, and what stands in for those out of reach. @param {Values} values @param {Programme?} programme @param {SetPoints?} attainable */
+  update(values, programme = null, attainable = null) {
+    const [plan, goals] = /** @type {(Values | null)[]} */ (/** @type {unknown} */ ([programme, attainable]));
+    for (const bar of this.bars) {
+      const { key, aim } = bar.spec;
+      bar.update(values[key] ?? null, values[aim] ?? null, plan?.[key] ?? null, goals?.[key] ?? null);
+    }
   }
 }

@@ -24,7 +24,7 @@ export class LivePage {
   /** @type {Programme?} */ progress = null;
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
-  /** @type {{alarms: Alarm[], reach: Reach?}} */ alarms = { alarms: [], reach: null };
+  /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
   /** @type {Value} */ tickAgeS = null;
 
   constructor() {
@@ -41,7 +41,9 @@ export class LivePage {
   frame(/** @type {Frame} */ frame) {
     if (frame.t === "hello") this.#begin(frame);
     else if (frame.t === "tick") this.#tick(frame);
-    else if (frame.t === "prediction") Object.assign(this.trends ?? {}, { prediction: frame });
+    else if (frame.t === "prediction") {
+      if (frame.controller === this.state.actual_controller) Object.assign(this.trends ?? {}, { prediction: frame });
+    }
     else if (frame.t === "actions") this.actions.update(frame.actions);
     else if (frame.t === "history") {
       this.store?.prepend(frame.rows);
@@ -86,7 +88,7 @@ export class LivePage {
     if (this.trends) this.trends.toServerS = tick.server_s - (tick.row[0] ?? NaN);
     this.values = Object.fromEntries(this.hello.columns.map((name, i) => [name, tick.row[i]]));
     this.tickAgeS = 0;
-    this.bars?.update(this.values, this.progress);
+    this.bars?.update(this.values, this.progress, this.alarms.attainable);
     this.map?.add([tick.row]);
     this.status.progress.update(this);
     this.#judge();

@@ -2,7 +2,7 @@
 import { el } from "./dom.js";
 import { clock } from "./format.js";
 import { TRENDS } from "./quantities.js";
-import { drawLine, drawTime, liveLines, Trends, withQuality } from "./trends.js";
+import { drawBand, drawLine, drawTime, liveLines, Trends, withQuality } from "./trends.js";
 
 /** Redrawing a long window as often as a short one would cost much and change no pixel. */
 const WINDOWS = [
@@ -10,11 +10,13 @@ const WINDOWS = [
   { name: "5 min", length_s: 300, ahead_s: 15, every_s: 60, redraw_ms: 250 },
   { name: "45 min", length_s: 2700, ahead_s: 15, every_s: 900, redraw_ms: 1000 },
 ];
-const LEGEND = [["measured", "measured"], ["aimed", "set-point"], ["limit", "limit"], ["predicted", "prediction"], ["second", "to be confirmed"]];
+const LEGEND = [["measured", "measured"], ["aimed", "set-point"], ["limit", "limit"], ["predicted", "prediction"], ["deviation", "expected, ± 2 σ", "95 of 100 measurements, if the plan is followed and nothing happens that the controller cannot know"], ["second", "to be confirmed"]];
 
 /** An older prediction says nothing about what comes. */
 const PREDICTION_MAX_AGE_S = 3;
 const PREVIEW = "#1f5f9e";
+/** 95 of 100 measurements lie within so many standard deviations. */
+const SIGMAS = 2;
 
 export class LiveTrends {
   #window = WINDOWS[0];
@@ -30,7 +32,7 @@ export class LiveTrends {
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
     this.back = el("button", { type: "button", className: "primary back", onclick: () => this.look(null) }, "Back to now");
-    const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text]) => el("li", {}, el("span", { className: `key ${kind}` }), text)));
+    const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
     const plots = el("div", { className: "plots" });
     root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, this.back, legend), plots);
     this.trends = new Trends(plots, {
@@ -104,7 +106,9 @@ export class LiveTrends {
   #overlay(/** @type {Plot} */ u, /** @type {string} */ key) {
     drawTime(u, this.#drawn.now, "#5a6268");
     if (this.#drawn.moment !== null) drawTime(u, this.#drawn.moment, "#000", [4, 3]);
-    for (const [ahead, stroke] of /** @type {const} */ ([[this.#preview, PREVIEW], [this.#ahead(), undefined]])) {
+    const expected = this.#ahead();
+    if (expected) drawBand(u, expected, key, SIGMAS);
+    for (const [ahead, stroke] of /** @type {const} */ ([[this.#preview, PREVIEW], [expected, undefined]])) {
       if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key], stroke);
     }
   }

@@ -39,6 +39,6 @@ export function judge(key, limits, value, aim) {
   const quality = outside(qualityLimits(key, limits, aim ?? null));
   if (quality) return { level: "medium", text: `off quality, ${quality}` };
   const off = known(aim) ? value - aim : 0;
-  if (own?.deviation && Math.abs(off) > own.deviation) return { level: "medium", text: `off its aim, ${off < 0 ? "low" : "high"}` };
+  if (own?.deviation && Math.abs(off) > own.deviation) return { level: "medium", text: `off its aim, ${off < 0 ? "low" : "high"}`, isOff: true };
   return { level: null, text: "" };
 }

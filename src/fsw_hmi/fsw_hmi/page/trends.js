@@ -5,6 +5,7 @@ import { qualityLimits, quantity, TRENDS } from "./quantities.js";
 
 const INK = "#1c1f22";
 const GRID = { stroke: "#b3b8bc", width: 1 };
+const BAND = "#7b848a66";
 const DASHED = [6, 4];
 const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
@@ -154,6 +155,23 @@ export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK, w
   ctx.lineWidth = width * devicePixelRatio;
   ctx.setLineDash(dash.map((length) => length * devicePixelRatio));
   ctx.stroke();
+  ctx.restore();
+}
+
+/** Shade so many standard deviations about a prediction that tells them. @param {Plot} u @param {Ahead} ahead @param {string} key @param {number} sigmas */
+export function drawBand({ ctx, bbox, valToPos }, { time_s: times, ...ahead }, key, sigmas) {
+  const values = ahead[key] ?? [];
+  const deviations = ahead[`${key}:deviation`] ?? [];
+  if (deviations.length !== times.length || values.length !== times.length) return;
+  const edge = (/** @type {number} */ sign) => times.map((time, i) => [valToPos(time, "x", true), valToPos(values[i] + sign * sigmas * deviations[i], "y", true)]);
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  ctx.beginPath();
+  for (const [x, y] of [...edge(1), ...edge(-1).reverse()]) ctx.lineTo(x, y);
+  ctx.fillStyle = BAND;
+  ctx.fill();
   ctx.restore();
 }
 
