@@ -14,6 +14,8 @@ from fsw_msgs.msg import SupervisorState
 
 #: supervisors that are remembered, the latest
 _SUPERVISORS = 10
+#: what rmw calls a node that it has not discovered yet, as rclpy_embedded does
+_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 
 class CommandWriters:
@@ -25,6 +27,7 @@ class CommandWriters:
     def __init__(self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]) -> None:
         self.names: list[str] = []  #: nodes that publish commands, as of the last :meth:`look`
         self._node, self._gate, self._configured = node, gate, configured
+        self._told: set[str] = set()
         self._announced: tuple[str, ...] = ()
         self._elected: deque[str] = deque(maxlen=_SUPERVISORS)
         self._refused: Counter[str] = Counter()
@@ -37,8 +40,10 @@ class CommandWriters:
         if names != self.names:
             self.names = names
             self.set_sources()
-            if len(names) > 1:
-                self._node.get_logger().warning(f"{len(names)} publishers of fsw/command: {', '.join(names)}")
+        known = {name for name in names if name != _NAME_UNKNOWN}
+        if len(names) > 1 and len(known) == len(set(names)) and not known <= self._told:
+            self._told |= known
+            self._node.get_logger().warning(f"{len(names)} publishers of fsw/command: {', '.join(names)}")
 
     def set_sources(self) -> None:
         """Update the gate, also after the configured sources have changed."""

@@ -42,7 +42,9 @@ class _Interrupts:
 
     def __exit__(self, *_: object) -> None:
         if self._installed:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            # Once interrupted, the process ends; another Ctrl-C must not show until the lines below hold.
+            ended = self._first_s is not None
+            signal.signal(signal.SIGINT, signal.SIG_IGN if ended else signal.default_int_handler)
             # A second signal while the interpreter ends must not change the exit code.
             atexit.register(signal.signal, signal.SIGTERM, signal.SIG_IGN)
             atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)

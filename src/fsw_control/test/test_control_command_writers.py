@@ -41,6 +41,24 @@ def test_takeover_between_supervisors_is_no_foreign_writer(writers):
     assert commands(GATE, 0, ["one"], writers.strange()).level == OK
 
 
+def test_publishers_are_logged_once_and_by_name():
+    published, said = [], []
+    node = SimpleNamespace(
+        create_subscription=lambda kind, topic, heard, qos: None,
+        get_publishers_info_by_topic=lambda topic: [SimpleNamespace(node_name=name) for name in published],
+        get_logger=lambda: SimpleNamespace(warning=said.append),
+    )
+    writers = CommandWriters(node, lambda: GATE, lambda: ())
+    for names in (["one"], ["one", "_NODE_NAME_UNKNOWN_"], ["one", "two"], ["one"], ["one", "two"], ["one", "two"]):
+        published[:] = names
+        writers.look()
+        assert writers.names == sorted(names)
+    assert said == ["2 publishers of fsw/command: one, two"]
+    published.append("three")
+    writers.look()
+    assert len(said) == 2
+
+
 @pytest.mark.requirement("S11")
 @pytest.mark.parametrize("token", ["", "intruder", "1.", "x.aaa"])
 def test_commands_that_no_supervisor_has_signed_are_a_foreign_writers(writers, token):

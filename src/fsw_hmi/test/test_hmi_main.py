@@ -71,3 +71,9 @@ def test_named_user_commands_and_no_token_is_printed(domain_id, file, capsys, fo
         thread.join(PATIENCE_S)
         node.destroy_node()
         context.try_shutdown()
+
+
+def test_without_its_libraries_it_says_what_to_install_in_a_line(monkeypatch, capsys):
+    monkeypatch.setattr(main, "find_spec", lambda name: None if name == "starlette" else name)
+    assert main.main(["hmi"]) == 2
+    assert capsys.readouterr().err == "hmi: starlette missing: pip install starlette uvicorn websockets\n"
