@@ -14,7 +14,7 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.problem import NOISE_FLOOR, SHARE, WALK, Problem, Shift
+from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import IdentificationError, Segment
@@ -37,8 +37,8 @@ _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 _SHARE_OF_DISTURBANCE = 0.25
 #: iterations between two searches for shifts
 _FEW = 6
-#: assumed relative standard deviations of a parameter that is kept nominal, and of ``SHARE``
-_KEPT_DEVIATION, _SHARE_DEVIATION = 0.2, 1.0
+#: assumed relative standard deviation of a parameter that is kept nominal
+_KEPT_DEVIATION = 0.2
 #: residuals that exceed the noise between neighbouring samples by less than this factor count as noise alone
 _AS_GOOD = 1.1
 #: factors on the starting values, tried one after the other
@@ -71,6 +71,9 @@ class Fit:
     offset: FloatArray
     offset_std: FloatArray
     shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
+    #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is the sensor's
+    share: tuple[float, float]
+    heat_and_offset: float  #: correlation of slow heat and offset of the temperature
     notes: list[str]  #: what was left out, one line each
 
     @property
@@ -268,15 +271,14 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
 
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:
-    """What errors of that which is not estimated add to the covariance of everything else."""
+    """What errors of parameters that are kept nominal add to the covariance of everything else."""
     free, n = problem.free, len(problem.free)
-    problem.free = (*free, *kept, SHARE)
+    problem.free = (*free, *kept)
     information = problem.information()
     problem.free = free
-    at = np.arange(n, n + len(kept) + 1)
+    at = np.arange(n, n + len(kept))
     others = np.delete(np.arange(len(information)), at)
-    deviations = np.array([*[_KEPT_DEVIATION] * len(kept), _SHARE_DEVIATION])
-    gain = covariance @ information[np.ix_(others, at)] * deviations
+    gain = _KEPT_DEVIATION * covariance @ information[np.ix_(others, at)]
     return np.asarray(gain @ gain.T)
 
 
@@ -294,7 +296,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
     offset, offset_std = problem.mean_disturbance(covariance)
     problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
-    sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:]), strict=True)
+    sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
     return Fit(
         parameters=problem.parameters,
         free=problem.free,
@@ -309,5 +311,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset=offset,
         offset_std=offset_std,
         shifts=list(sizes),
+        share=(problem.share, float(std[-1])),
+        heat_and_offset=problem.heat_and_offset(),
         notes=notes,
     )

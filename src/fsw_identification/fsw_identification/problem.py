@@ -30,6 +30,7 @@ from fsw_identification.simulation import (
     heated,
     respond,
     shown,
+    softened,
     walks,
 )
 from fsw_identification.weld_data import Segment
@@ -60,9 +61,9 @@ OUTLIER = 5.0
 _HUBER = 3.0
 #: the part of the disturbance of the torque which acts on the process and is not measured
 HEAT = 3
-#: of a slow disturbance of the temperature this share is taken for one of the tool itself, which softens the copper,
-#: and the rest for one of the sensor; by its name it is a parameter in ``free``
-_SHARE, SHARE = 0.5, "share of the tool"
+#: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
+#: is one of the sensor: mean and standard deviation before the depth tells
+SHARE, _SHARE_DEVIATION = 0.5, 0.5
 _LARGEST_MOVE = 0.3
 _WALK_SETTLED = 0.3
 #: largest factor on the size of a walk in one iteration
@@ -111,7 +112,8 @@ class _Part:
 class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
-    The border is the logarithms of the free parameters and the sizes of the shifts.
+    The border is the logarithms of the free parameters, the sizes of the shifts and the share of the tool in slow
+    disturbances of the temperature.
 
     Parameters
     ----------
@@ -133,6 +135,8 @@ class Problem:
     shifts : list of Shift
     sizes : array
         Of the shifts.
+    share : float
+        Of the tool in slow disturbances of the temperature.
     predicted, residuals : list of (n, 3) arrays
         At the last solution, by segment.
     """
@@ -141,7 +145,7 @@ class Problem:
         self.parameters, self.free = start, tuple(free)
         self.noise, self.walk = np.array([0.01, 1.0, 10.0]), WALK[1].copy()
         self.shifts: list[Shift] = []
-        self.sizes = np.zeros(0)
+        self.sizes, self.share = np.zeros(0), SHARE
         self.reject, self.fixed_walk = False, True
         self.segments = list(segments)
         self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
@@ -175,10 +179,28 @@ class Problem:
                 variances[part.output] += one.variance(weights)
         return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
 
+    def heat_and_offset(self) -> float:
+        """Correlation of heat and offset of the temperature: of their mean rises since the beginning."""
+        parts = self._linearised(self.parameters, False)
+        variances = np.zeros(3)
+        for part, one in zip(parts, self._eliminate(parts, False)[1], strict=True):
+            if part.output == TEMPERATURE:
+                both = np.zeros((2, *one.values.shape[:2]))
+                for which, weights in enumerate(both):
+                    weights[:, which - 2] = 1.0 / len(weights)
+                    weights[0, which - 2] -= 1.0
+                both[0] *= self.parameters.thermal_gain_c_per_kw
+                variances += [one.variance(weights) for weights in (*both, both.sum(axis=0))]
+        heat, offset, together = variances
+        return float((together - heat - offset) / (2.0 * np.sqrt(heat * offset)))
+
     def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
-        """(n, shifts): what a unit of each shift adds to an output of a segment; if not ``real``, only shows."""
-        segment = self.segments[i]
-        slopes = np.zeros((segment.n_ticks, len(self.shifts)))
+        """(n, shifts + 1): what a unit of each shift, and of the share, adds to an output of a segment; if not
+        ``real``, only shows."""
+        segment, known = self.segments[i], self._known[i]
+        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
+        if real and output == DEPTH:
+            slopes[:, -1] = p.softening_per_c * known.doubtful_c * known.depth_mm / softened(p, known)
         for column, shift in enumerate(self.shifts):
             if shift.segment != i:
                 continue
@@ -201,9 +223,7 @@ class Problem:
 
         slopes, here = np.zeros((segment.n_ticks, len(self.free))), at(p)
         for column, name in enumerate(self.free):
-            if name == SHARE and output == DEPTH:
-                slopes[:, column] = _SHARE * p.softening_per_c * known.doubtful_c * known.depth_mm
-            elif name in DEPENDS[output]:
+            if name in DEPENDS[output]:
                 slopes[:, column] = (at(p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})) - here) / _SLOPE
         return slopes
 
@@ -228,7 +248,8 @@ class Problem:
         """Information of residuals and border, prior included, without knots; and what each part is without them."""
         walk, found = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
-        border = np.diag([0.0, *[_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0), *of_shifts])
+        of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
+        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0])
         for part in parts:
             which, states = list(_WALKS_OF[part.output]), _STATE_PRIOR[part.output]
             start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
@@ -238,7 +259,7 @@ class Problem:
         return border, found
 
     def _profile(self, p: ModelParameters) -> tuple[float, list[_Part], FloatArray]:
-        """Cost at parameters, with the best knots and shifts, these and these."""
+        """Cost at parameters, with the best knots, shifts and share, these and these."""
         parts = self._linearised(p, False)
         border, found = self._eliminate(parts, False)
         sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
@@ -247,25 +268,27 @@ class Problem:
         return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
 
     def settle(self) -> None:
-        """Take the best knots and shifts at the present parameters: predictions, and what the outputs tell each other.
+        """Take the best knots, shifts and share at the present parameters: predictions, and what the outputs tell each
+        other.
 
         The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
         """
-        _, self._parts, self.sizes = self._profile(self.parameters)
+        _, self._parts, sizes = self._profile(self.parameters)
+        self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
         self.predicted, self.residuals = [], []
         for i, segment in enumerate(self.segments):
             parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
             shifts, of_sensor = (
-                np.column_stack([self._shift_slopes(i, output, p, real) @ self.sizes for output in range(3)])
+                np.column_stack([self._shift_slopes(i, output, p, real) @ sizes for output in range(3)])
                 for real in (True, False)
             )
             self.predicted.append(np.column_stack([part.shown() for part in parts]) + shifts)
             self.residuals.append(_settled(segment.measured) - self.predicted[-1])
             slow = np.column_stack([_between(part.at_knots[:, -1], segment.n_ticks) for part in parts])
             seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
-            depth = self.predicted[-1] - shifts if not self.fixed_walk else _smooth(seen)
+            depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
             doubtful = self._known[i].doubtful_c
-            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - _SHARE) * doubtful - p.operating_temperature_c
+            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
             self._known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful)
 
     def _doubt(self) -> None:
@@ -277,7 +300,7 @@ class Problem:
             self._known[part.segment] = self._known[part.segment]._replace(doubtful_c=warmer - warmer[0])
 
     def information(self) -> FloatArray:
-        """Of free parameters and shifts, of data and prior."""
+        """Of free parameters, shifts and share, of data and prior."""
         return self._eliminate(self._linearised(self.parameters, True), True)[0][1:, 1:]
 
     def _likely_walk(self, parts: Sequence[_Part]) -> FloatArray:

@@ -60,7 +60,7 @@ def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge)
         gains = p.depth_gain_mm_per_kn_s * np.array([1.0, p.depth_zero_s - pole_s])
         creep, slow = _filtered(STEP_S * pushed, 1.0), _lagged(pushed, pushed, pole_s)
         course = p.operating_depth_mm + gains[0] * creep + gains[1] * slow
-        return Response(course, np.array([np.inf, pole_s]), gains, 1.0 + p.softening_per_c * known.rise_c)
+        return Response(course, np.array([np.inf, pole_s]), gains, softened(p, known))
     motor = _motor_nm(p, segment, known.depth_mm)
     if output == TORQUE:
         course = motor + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * segment.acceleration_rpm_per_s
@@ -71,6 +71,11 @@ def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge)
     power: Any = [power_kw(torque, speed) - p.operating_power_kw for torque in ends]
     lags_s, gains = np.array([p.copper_lag_s, p.tool_lag_s]), _thermal_gains(p)
     return Response(p.operating_temperature_c + heated(p, *power), lags_s, gains, ones)
+
+
+def softened(p: ModelParameters, known: Knowledge) -> FloatArray:
+    """Factor (27) of the depth."""
+    return 1.0 + p.softening_per_c * known.rise_c
 
 
 def heated(p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray) -> FloatArray:

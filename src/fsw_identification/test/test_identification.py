@@ -184,6 +184,40 @@ def test_slow_disturbance_is_found_and_does_not_bias() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
+def test_fast_disturbance_of_the_temperature() -> None:
+    """What heat and offset add together stays of the disturbance's size; it grew from iteration to iteration."""
+    signals = weld()
+    ticks = np.arange(544)
+    signals.temperature_c[480:1024] -= 3.9 * np.sin(2.0 * np.pi * ticks / 342.0)
+    segment = only(signals)
+    fit = estimation.identify([segment])
+    assert all(np.nanmax(np.abs(one[:, 1] - segment.measured[:, 1])) < 20.0 for one in fit.predicted)
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_the_depth_tells_an_offset_of_the_temperature_from_heat() -> None:
+    signals = weld(seconds=400.0)
+    signals.temperature_c[500:] += np.minimum(25.0, 0.0125 * np.arange(signals.n_ticks - 500))
+    fit = estimation.identify([only(signals)])
+    assert abs(fit.share[0]) < 4.0 * fit.share[1] < 0.4
+    assert fit.heat_and_offset < -0.2
+    assert abs(scores(fit)["depth_gain_mm_per_kn_s"]) < 4.0
+    lines = summary.remarks(summary.Summary("weld", fit))
+    assert any("heat and offset of the temperature: correlation -" in line for line in lines)
+
+
+def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(estimation.Problem, "settle", broken)
+    with pytest.raises(IdentificationError, match=r"broke down \(Singular matrix\); start nearer"):
+        estimation.identify([only(weld(seconds=40.0))])
+
+
+@pytest.mark.slow
 def test_nothing_is_identifiable_at_rest() -> None:
     signals = weld(seconds=60.0)
     rest = [np.full(600, of[0]) for of in (signals.depth_mm, signals.temperature_c, signals.torque_nm)]
