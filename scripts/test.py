@@ -24,8 +24,8 @@ OLDEST = "--oldest"
 #: share fixtures, and those of a launch file come one after the other. Files come in the order of ``testpaths``.
 BY_FILE = ["--dist", "loadfile", "--no-loadscope-reorder"]
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), *BY_FILE]
-#: Graphs against the clock: after all others, one for each core.
-REAL_TIME = ["-n", str(min(4, os.cpu_count() or 1)), *BY_FILE]
+#: Graphs against the clock, after all others: only their folders are collected, those of the longest files first.
+REAL_TIME = ["test/machine", "test/hmi", "test/faults", "test/launch", *PARALLEL]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
 OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
@@ -43,6 +43,7 @@ def run(title: str, *command: str) -> int:
 def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of a thousand processes would compile what it imports
     arguments = sys.argv[1:]
     if OLDEST in arguments:
         arguments.remove(OLDEST)
@@ -64,7 +65,8 @@ def main() -> int:
         codes.append(run("pytest", "pytest", *(["-m", "not slow"] if fast else []), *(arguments or PARALLEL)))
     else:
         chosen = "" if full else " and not full"
-        codes.append(run("pytest", "pytest", *PARALLEL, "-m", f"not real_time{chosen}"))
+        profile = ["--hypothesis-profile=full"] if full else []
+        codes.append(run("pytest", "pytest", *PARALLEL, *profile, "-m", f"not real_time{chosen}"))
         codes.append(run("pytest in real time", "pytest", *REAL_TIME, "-m", f"real_time{chosen}"))
     return next((code for code in codes if code), 0)
 

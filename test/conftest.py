@@ -1,11 +1,14 @@
-"""The tests of whole welds are all slow; those of graphs that run against the clock run last, and by themselves."""
+"""The tests of whole welds are all slow; those of graphs that run against the clock run last, and by themselves.
+
+Among the tests of faults and of the page at a weld each says so itself: most are in lockstep.
+"""
 
 from pathlib import Path
 
 import pytest
 
 _HERE = Path(__file__).resolve().parent
-_REAL_TIME = ("faults", "launch", "machine", "test_hmi_page_graph.py", "test_hmi_live_demo.py", "test_hmi_weld.py")
+_REAL_TIME = ("launch", "test_machine_chain.py", "test_hmi_page_graph.py", "test_hmi_live_demo.py")
 
 
 def pytest_collection_modifyitems(items):

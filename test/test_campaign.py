@@ -82,7 +82,8 @@ def wait_for_rows(folder, process):
     wait_until(are_written, "rows")
 
 
-@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.full), 2])
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.full
 def test_results_do_not_depend_on_the_number_of_workers(file, tmp_path, expected, workers):
     with engine.connect(None, workers) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
         assert engine.run(written, client) == len(expected)

@@ -123,7 +123,7 @@ TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm
         pytest.param(FALLBACK, id="fallback"),
         pytest.param(ALONE, id="alone", marks=pytest.mark.full),
         pytest.param(WELD, id="weld", marks=pytest.mark.full),
-        pytest.param(HEAT, id="heat"),
+        pytest.param(HEAT, id="heat", marks=pytest.mark.full),
     ],
 )
 def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):

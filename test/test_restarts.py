@@ -141,6 +141,7 @@ def assert_stays(weld, capsys, depth_mm):
 
 
 @pytest.mark.requirement("S21")
+@pytest.mark.full
 def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=False)
     weld.restart("nmpc", 2.7)

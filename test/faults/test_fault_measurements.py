@@ -10,6 +10,7 @@ import pytest
 from fsw_msgs.srv import SetFault
 
 
+@pytest.mark.real_time
 def test_the_plant_is_stopped_and_continued(weld, table):
     weld.restore()
     weld.signal("plant", signal.SIGSTOP)
@@ -29,6 +30,7 @@ def test_the_plant_is_stopped_and_continued(weld, table):
     )
 
 
+@pytest.mark.real_time
 def test_the_plant_is_killed_and_started_again(weld, table):
     weld.restore()
     weld.signal("plant", signal.SIGKILL)
@@ -96,6 +98,7 @@ def test_a_third_of_the_measurements_is_lost(launch, table):
     table.add("30 % of the samples of every sensor lost", "validity", "held 0.3 s, then fallback or hold", outcome)
 
 
+@pytest.mark.real_time
 @pytest.mark.requirement("S15")
 @pytest.mark.parametrize("hours", [1, -1])
 def test_the_clock_of_the_measurements_jumps(behind_relay, table, hours):

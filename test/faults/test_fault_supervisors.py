@@ -18,6 +18,7 @@ def of_writers(weld, first):
     return [status.level for array in weld.reports[first:] for status in array.status if status.name in names]
 
 
+@pytest.mark.real_time
 @pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     first = weld.restore()
@@ -42,6 +43,7 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     )
 
 
+@pytest.mark.real_time
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
@@ -111,6 +113,7 @@ def test_the_recorder_falls_silent(steps, table, number):
     table.add("recorder killed, or stopped and continued", "–", "none needed", outcome)
 
 
+@pytest.mark.real_time
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_only_supervisor_falls_silent(behind_relay, table, number):

@@ -29,6 +29,7 @@ phases:
 
 @pytest.mark.requirement("S9", "S22")
 @pytest.mark.full
+@pytest.mark.real_time
 def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     """That no more than the last second is lost, is tested in fsw_recorder."""
     weld.restore()

@@ -181,6 +181,7 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
     assert weld.unanswered_ticks() == 0
 
 
+@pytest.mark.real_time
 @pytest.mark.requirement("S19")
 def test_safe_stop_while_the_supervisor_changes(weld):
     page = weld.start_weld()
@@ -217,6 +218,7 @@ def plant_waits_for(weld, count):
     weld.until(lambda: child.text().count(text) > told, f"the plant to wait for {count}")
 
 
+@pytest.mark.real_time
 def test_plant_does_not_take_the_page_for_a_controller(weld):
     weld.serve()
     page = weld.command()
@@ -242,6 +244,7 @@ def recorded_actions(folder):
     return [(one.action, one.outcome) for one in recorded] or [("", "")]
 
 
+@pytest.mark.real_time
 def test_programme_is_held_changed_by_hand_and_resumed(weld):
     scenario = parse(PROGRAMME)
     weld.serve()

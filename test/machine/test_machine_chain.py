@@ -170,14 +170,14 @@ def test_it_welds(weld):
     weld.until(lambda: temperature() == pytest.approx(weld.temperature_c(), abs=2.0), "the temperature")
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.full)])
 def test_nmpc_ends(weld, number):
     weld.runs("nmpc")
     weld.end("nmpc", number)
     weld.runs("decentral")
 
 
-@pytest.mark.parametrize("name", ["supervisor", "gateway"])
+@pytest.mark.parametrize("name", [pytest.param("supervisor", marks=pytest.mark.full), "gateway"])
 def test_part_ends_and_is_started_again_at_once(weld, name):
     weld.end(name, signal.SIGTERM)
     weld.start(name)

@@ -14,7 +14,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.session import LocalNode
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
-from rclpy.qos_overriding_options import QoSOverridingOptions, declare_qos_parameters
+from rclpy.qos_overriding_options import QoSOverridingOptions, _declare_qos_parameters
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
@@ -90,14 +90,20 @@ class NodeEntities:
         return entity
 
     def __topic(
-        self, kind: str, msg_type: Any, topic: str, qos: QoSProfile | int, options: QoSOverridingOptions | None
+        self,
+        kind: type[Publisher | Subscription],
+        msg_type: Any,
+        topic: str,
+        qos: QoSProfile | int,
+        options: QoSOverridingOptions | None,
     ) -> tuple[LocalNode, Any, str, str, QoSProfile]:
         """Return the arguments of a publisher or subscription to be made."""
         profile = _profile(qos)
         check_is_valid_msg_type(msg_type)
         name = self.resolve_topic_name(topic)
         if options is not None:
-            profile = declare_qos_parameters(kind, self, name, profile, options)
+            profile = profile.get_c_qos_profile()  # a copy: it is the caller's
+            _declare_qos_parameters(kind, self, name, profile, options)
         return self.handle, msg_type, topic, name, profile
 
     def create_publisher(
@@ -113,7 +119,7 @@ class NodeEntities:
     ) -> Publisher:
         """Create a publisher; an int as QoS is the depth of the default profile."""
         group, callbacks = callback_group or self._default_callback_group, event_callbacks or PublisherEventCallbacks()
-        arguments = self.__topic("publisher", msg_type, topic, qos_profile, qos_overriding_options)
+        arguments = self.__topic(Publisher, msg_type, topic, qos_profile, qos_overriding_options)
         return self.__make(self.publishers, publisher_class, *arguments, callbacks, group)
 
     def create_subscription(
@@ -134,7 +140,7 @@ class NodeEntities:
         """
         group = callback_group or self._default_callback_group
         callbacks = event_callbacks or SubscriptionEventCallbacks()
-        arguments = self.__topic("subscription", msg_type, topic, qos_profile, qos_overriding_options)
+        arguments = self.__topic(Subscription, msg_type, topic, qos_profile, qos_overriding_options)
         return self.__make(self.subscriptions, Subscription, *arguments, callbacks, group, callback=callback, raw=raw)
 
     def create_client(

@@ -1,5 +1,6 @@
 """Callbacks for changes of parameters, of this node or of others."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -37,23 +38,30 @@ class ParameterEventHandler:
     The node must be spun; the options are those of the subscription.
     """
 
+    class Callbacks:
+        """The callbacks: of a parameter by its name and its node's, and of every event."""
+
+        def __init__(self) -> None:
+            self.parameter_callbacks: defaultdict[tuple[str, str], list[ParameterCallbackHandle]] = defaultdict(list)
+            self.event_callbacks: list[ParameterEventCallbackHandle] = []
+
+        def event_callback(self, event: ParameterEvent) -> None:
+            """Call those that an event concerns."""
+            # Copies: a callback or another thread may add and remove some meanwhile.
+            for (name, node), handles in list(self.parameter_callbacks.items()):
+                parameter = ParameterEventHandler.get_parameter_from_event(event, name, node)
+                for handle in list(handles) if parameter is not None else ():
+                    handle.callback(parameter)
+            for entry in list(self.event_callbacks):
+                entry.callback(event)
+
     def __init__(self, node: Any, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
         self.node = node
         self.qos_profile = qos_profile
-        self._parameter_callbacks: list[ParameterCallbackHandle] = []
-        self._event_callbacks: list[ParameterEventCallbackHandle] = []
+        self._callbacks = ParameterEventHandler.Callbacks()
         self.parameter_event_subscription = node.create_subscription(
-            ParameterEvent, "/parameter_events", self._on_event, qos_profile, **options
+            ParameterEvent, "/parameter_events", self._callbacks.event_callback, qos_profile, **options
         )
-
-    def _on_event(self, event: ParameterEvent) -> None:
-        # Copies: a callback or another thread may add and remove some meanwhile.
-        for handle in list(self._parameter_callbacks):
-            parameter = self.get_parameter_from_event(event, handle.parameter_name, handle.node_name)
-            if parameter is not None:
-                handle.callback(parameter)
-        for entry in list(self._event_callbacks):
-            entry.callback(event)
 
     def destroy(self) -> None:
         """Stop listening."""
@@ -80,23 +88,26 @@ class ParameterEventHandler:
         A relative `node_name` is in the namespace of the handler's node, an empty one is that node.
         """
         handle = ParameterCallbackHandle(parameter_name, self._resolve_path(node_name), callback)
-        self._parameter_callbacks.insert(0, handle)
+        self._callbacks.parameter_callbacks[parameter_name, handle.node_name].insert(0, handle)
         return handle
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
         """Remove a callback for a parameter; RuntimeError if it is not there."""
-        _remove(self._parameter_callbacks, handle)
+        callbacks, key = self._callbacks.parameter_callbacks, (handle.parameter_name, handle.node_name)
+        _remove(callbacks.get(key, []), handle)
+        if not callbacks[key]:
+            callbacks.pop(key, None)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], None]) -> ParameterEventCallbackHandle:
         """Call `callback` with every parameter event."""
         handle = ParameterEventCallbackHandle(callback)
-        self._event_callbacks.insert(0, handle)
+        self._callbacks.event_callbacks.insert(0, handle)
         return handle
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
         """Remove a callback for every event; RuntimeError if it is not there."""
-        _remove(self._event_callbacks, handle)
+        _remove(self._callbacks.event_callbacks, handle)
 
-    def _resolve_path(self, node_path: str) -> str:
+    def _resolve_path(self, node_path: str = "") -> str:
         path: str = node_path or self.node.get_fully_qualified_name()
         return path if path.startswith("/") else f"{self.node.get_namespace().rstrip('/')}/{path}"

@@ -1,5 +1,6 @@
 """Quality of service: policies, profiles and their compatibility."""
 
+import copy
 import warnings
 from enum import Enum, IntEnum
 from typing import Any
@@ -149,6 +150,10 @@ class QoSProfile:
                 stacklevel=2,
             )
         super().__setattr__(name, kind(value) if is_enum else value)
+
+    def get_c_qos_profile(self) -> "QoSProfile":
+        """Return a copy; genuine rclpy returns what its C code takes."""
+        return copy.copy(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the policies by name."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,9 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.msg import SetParametersResult as QosCallbackResult
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSPolicyEnum, QoSPolicyKind, QoSProfile
+from rclpy.subscription import Subscription
 
 QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
 
@@ -40,14 +41,15 @@ class QoSOverridingOptions:
         return cls(kinds, callback=callback, entity_id=entity_id)
 
 
-def declare_qos_parameters(
-    entity: str, node: Any, topic_name: str, profile: QoSProfile, options: QoSOverridingOptions
-) -> QoSProfile:
-    """Declare ``qos_overrides.<topic>.<entity>.<policy>`` and return the profile that the parameters give.
-
-    `entity` is 'publisher' or 'subscription'.
-    """
-    profile = copy.copy(profile)
+def _declare_qos_parameters(
+    entity_type: type[Publisher | Subscription],
+    node: Any,
+    topic_name: str,
+    qos: QoSProfile,
+    options: QoSOverridingOptions,
+) -> None:
+    """Declare ``qos_overrides.<topic>.<entity>.<policy>`` and change the profile to what the parameters give."""
+    entity = "publisher" if issubclass(entity_type, Publisher) else "subscription"
     suffix = "" if options.entity_id is None else f"_{options.entity_id}"
     about = f"for {entity} `{topic_name}` with id `{options.entity_id}`"
     for kind in options.policy_kinds:
@@ -57,17 +59,17 @@ def declare_qos_parameters(
         name = f"qos_overrides.{topic_name}.{entity}{suffix}.{policy}"
         descriptor = ParameterDescriptor(description=f"{policy} {about}", read_only=True)
         try:
-            parameter = node.declare_parameter(name, _to_parameter(getattr(profile, policy)), descriptor)
+            parameter = node.declare_parameter(name, _get_qos_policy_parameter(qos, kind), descriptor)
         except ParameterAlreadyDeclaredException:
             parameter = node.get_parameter(name)
-        _set_policy(profile, policy, parameter.value)
-    if options.callback is not None and not (result := options.callback(profile)).successful:
+        _set_policy(qos, policy, parameter.value)
+    if options.callback is not None and not (result := options.callback(qos)).successful:
         raise InvalidQosOverridesError(f"Provided QoS overrides {about}, are not valid: {result.reason}")
-    return profile
 
 
-def _to_parameter(value: str | int | bool | Duration) -> str | int | bool:
+def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | int | bool:
     """Return a policy as a parameter's value: enums by name, durations in nanoseconds."""
+    value: str | int | bool | Duration = getattr(qos, policy.name.lower())
     if isinstance(value, Duration):
         return value.nanoseconds
     if not isinstance(value, QoSPolicyEnum):

@@ -2,6 +2,16 @@
 
 from typing import Any
 
+from rclpy.exceptions import NoTypeSupportImportedException
+
+
+def check_for_type_support(msg_or_srv_type: Any) -> None:
+    """Raise NoTypeSupportImportedException if a generated class has no type support, AttributeError for others."""
+    if not hasattr(msg_or_srv_type, "_TYPE_NAME"):
+        if hasattr(msg_or_srv_type, "__import_type_support__"):
+            raise NoTypeSupportImportedException
+        raise AttributeError(f"{msg_or_srv_type!r} is no class of messages or services")
+
 
 def check_is_valid_msg_type(msg_type: Any) -> None:
     """Raise RuntimeError if `msg_type` is a service, AttributeError if it is neither that nor a message."""

@@ -1,10 +1,23 @@
 """Waitables: what an executor waits for besides the other entities."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.task import Future
+
+
+@dataclass
+class NumberOfEntities:
+    """How many entities a waitable adds to genuine rclpy's wait set; here nobody asks."""
+
+    num_subscriptions: int = 0
+    num_guard_conditions: int = 0
+    num_timers: int = 0
+    num_clients: int = 0
+    num_services: int = 0
+    num_events: int = 0
 
 
 class Waitable:

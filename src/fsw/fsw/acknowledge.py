@@ -20,4 +20,4 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from fsw.operator_node import ask  # the other commands do without rclpy
 
-    return ask(arguments, Trigger, "/fsw/acknowledge")
+    return ask(arguments, Trigger, "fsw/acknowledge")

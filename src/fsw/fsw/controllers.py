@@ -18,8 +18,8 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw.operator_node import operator  # the other commands do without rclpy
     from fsw_msgs.srv import ListControllers
 
-    with operator(arguments.timeout) as node:
-        response = node.call(ListControllers, "/fsw/list_controllers", ListControllers.Request())
+    with operator(arguments.timeout, arguments.namespace) as node:
+        response = node.call(ListControllers, "fsw/list_controllers", ListControllers.Request())
     print(f"mode {response.mode}, active {response.active or 'none'}")
     header = ("controller", "state", "latency, mean [ms]", "largest [ms]", "missed", "late", "rejected")
     rows = [

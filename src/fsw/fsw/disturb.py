@@ -45,4 +45,4 @@ def _run(arguments: argparse.Namespace) -> int:
         duration=wanted.duration_s,
         period=wanted.period_s,
     )
-    return ask(arguments, SetDisturbance, "/fsw/plant/set_disturbance", request)
+    return ask(arguments, SetDisturbance, "fsw/plant/set_disturbance", request)

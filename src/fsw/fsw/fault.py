@@ -48,4 +48,4 @@ def _run(arguments: argparse.Namespace) -> int:
         magnitude=units.to_si(wanted.amount, magnitude_unit(arguments.sensor, kind)),
         duration=wanted.duration_s,
     )
-    return ask(arguments, SetFault, "/fsw/plant/set_fault", request)
+    return ask(arguments, SetFault, "fsw/plant/set_fault", request)

@@ -40,4 +40,4 @@ def _run(arguments: argparse.Namespace) -> int:
         axial_force=units.n_from_kn(arguments.force) if manual else nan,
         spindle_speed=units.rad_s_from_rpm(arguments.speed) if manual else nan,
     )
-    return ask(arguments, SetMode, "/fsw/set_mode", request)
+    return ask(arguments, SetMode, "fsw/set_mode", request)

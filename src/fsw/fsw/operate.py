@@ -18,15 +18,16 @@ def add_graph_command(
 ) -> argparse.ArgumentParser:
     """Add a command that talks to the running graph."""
     parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
-    add_timeout(parser)
+    add_graph_options(parser)
     parser.set_defaults(run=run)
     return parser
 
 
-def add_timeout(parser: argparse.ArgumentParser) -> None:
-    """Add the option of all commands that talk to the graph."""
+def add_graph_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of all commands that talk to the graph."""
     wait = "maximum time to wait for an answer, 0.1 to 600 s (default 5)"
     add_number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
+    parser.add_argument("--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)")
 
 
 def health(controller: Any) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
@@ -52,9 +53,15 @@ class Operator:
         """Call a service; CommandError when no node offers it or none answers in time."""
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            server = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")
-            raise CommandError(f"no node offers {name} on {domain_text()}: is the {server} running there?")
+            server = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[1], "supervisor")
+            full = self.node.resolve_service_name(name)
+            raise CommandError(f"no node offers {full} on {domain_text()}: is the {server} running there?")
         return self.answer(client.call_async(request), name, extra_s)
+
+    def node_names(self) -> set[str]:
+        """Nodes in the namespace."""
+        own = self.node.get_namespace()
+        return {name for name, namespace in self.node.get_node_names_and_namespaces() if namespace == own}
 
     def watch(self, kind: Any, topic: str, profile: QoSProfile = STREAM) -> list[Any]:
         """A list that gets every message of a topic while this object spins."""
@@ -81,13 +88,17 @@ def domain_text() -> str:
 
 
 @contextlib.contextmanager
-def operator(timeout_s: float) -> Iterator[Operator]:
-    """Join the graph as ``fsw_operator`` for as long as the context lasts."""
+def operator(timeout_s: float, namespace: str = "") -> Iterator[Operator]:
+    """Join the graph of a namespace as ``fsw_operator`` for as long as the context lasts."""
     try:
         rclpy.init(args=[])
     except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
         raise CommandError(str(error)) from None
-    node = rclpy.create_node("fsw_operator")
+    try:
+        node = rclpy.create_node("fsw_operator", namespace=namespace)
+    except InvalidNamespaceException as error:
+        rclpy.try_shutdown()
+        raise CommandError(f"--namespace: {' '.join(str(error).split())}") from None
     try:
         yield Operator(node, timeout_s)
     finally:
@@ -97,7 +108,7 @@ def operator(timeout_s: float) -> Iterator[Operator]:
 
 def ask(arguments: argparse.Namespace, service: Any, name: str, request: Any = None, extra_s: float = 0.0) -> int:
     """Call a service that answers with success and a message."""
-    with operator(arguments.timeout) as node:
+    with operator(arguments.timeout, arguments.namespace) as node:
         response = node.call(service, name, request or service.Request(), extra_s)
     if not (response.success if service is Trigger else response.ok):
         raise CommandError(response.message)

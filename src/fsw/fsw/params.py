@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.operate import add_timeout
+from fsw.operate import add_graph_options
 
 _VERBS = {
     "list": "all parameters of a node with their values and meaning",
@@ -26,7 +26,7 @@ def add_command(commands: Any) -> None:
             one.add_argument("name", metavar="NAME", help="of the parameter")
         if verb == "set":
             one.add_argument("value", metavar="VALUE", help="new value, as YAML")
-        add_timeout(one)
+        add_graph_options(one)
         one.set_defaults(run=_run, verb=verb)
 
 

@@ -29,7 +29,7 @@ _TYPES = {
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out; returns the exit code."""
-    with operator(arguments.timeout) as node:
+    with operator(arguments.timeout, arguments.namespace) as node:
         client = _client(node, arguments.node)
 
         def answer(future: Any) -> Any:
@@ -62,7 +62,7 @@ def _client(node: Operator, name: str) -> AsyncParameterClient:
     except NameValidationException:
         raise CommandError(f"{name!r} is not the name of a node") from None
     if not node.wait_until(client.services_are_ready):
-        others = sorted({*node.node.get_node_names()} - {node.node.get_name()})
+        others = sorted(node.node_names() - {node.node.get_name()})
         raise CommandError(f"no node {name} on {domain_text()}; there are: {', '.join(others) or 'none'}")
     return client
 

@@ -34,4 +34,4 @@ def _run(arguments: argparse.Namespace) -> int:
         temperature=nan if temperature is None else temperature,
         ramp=arguments.ramp,
     )
-    return ask(arguments, SetReference, "/fsw/set_reference", request)
+    return ask(arguments, SetReference, "fsw/set_reference", request)

@@ -26,20 +26,21 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_control.topics_ros import LATEST
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
 
-    with operator(arguments.timeout) as node:
-        states = node.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
+    with operator(arguments.timeout, arguments.namespace) as node:
+        states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
         set_points = node.watch_set_points()
-        stated = node.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
-        commands = node.watch(WeldCommand, "/fsw/command")
-        depths = node.watch(ShoulderDepth, "/fsw/depth")
-        torques = node.watch(SpindleTorque, "/fsw/spindle_torque")
-        temperatures = node.watch(Temperature, "/fsw/thermocouple")
+        stated = node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
+        commands = node.watch(WeldCommand, "fsw/command")
+        depths = node.watch(ShoulderDepth, "fsw/depth")
+        torques = node.watch(SpindleTorque, "fsw/spindle_torque")
+        temperatures = node.watch(Temperature, "fsw/thermocouple")
         received = (states, set_points, stated, commands, depths, torques, temperatures)
         if not node.wait_until(lambda: any(received)):
-            raise CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
-        node.wait_until(lambda: all(received) and _publishers(node.node) <= set(node.node.get_node_names()), _SETTLE_S)
+            where = f"{domain_text()}, namespace {node.node.get_namespace()}"
+            raise CommandError(f"no weld graph on {where}: start it, or set ROS_DOMAIN_ID or --namespace")
+        node.wait_until(lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S)
         # hidden ones, e.g. that of the ros2 command, begin with an underscore
-        shown = (name for name in node.node.get_node_names() if name != "fsw_operator" and not name.startswith("_"))
+        shown = (name for name in node.node_names() if name != "fsw_operator" and not name.startswith("_"))
         nodes = sorted(shown)
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
@@ -62,7 +63,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _publishers(node: Any) -> set[str]:
     """Names of the nodes whose topics this command shows."""
-    topics = ("/fsw/depth", "/fsw/supervisor/state", "/fsw/command")
+    topics = ("fsw/depth", "fsw/supervisor/state", "fsw/command")
     return {publisher.node_name for topic in topics for publisher in node.get_publishers_info_by_topic(topic)}
 
 

@@ -30,4 +30,4 @@ def _run(arguments: argparse.Namespace) -> int:
         strictness=SwitchController.Request.STRICT if arguments.strict else SwitchController.Request.BEST_EFFORT,
         timeout=Duration(sec=seconds, nanosec=round((arguments.wait - seconds) * 1e9)),
     )
-    return ask(arguments, SwitchController, "/fsw/switch_controller", request, extra_s=arguments.wait)
+    return ask(arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait)

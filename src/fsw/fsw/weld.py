@@ -21,4 +21,4 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from fsw.operator_node import ask  # the other commands do without rclpy
 
-    return ask(arguments, Trigger, f"/fsw/weld/{arguments.action}")
+    return ask(arguments, Trigger, f"fsw/weld/{arguments.action}")

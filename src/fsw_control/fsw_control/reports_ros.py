@@ -9,10 +9,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from fsw_control.command_gate import CommandGate
+from fsw_control.diagnostic_names import HARDWARE, qualified
 from fsw_control.messages_ros import header
 from fsw_control.topics_ros import STREAM
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+#: value that tells two nodes of one name apart
+INSTANCE = "instance"
 
 
 class Report(NamedTuple):
@@ -25,21 +29,27 @@ class Report(NamedTuple):
 
 
 class DiagnosticsPublisher:
-    """Publishes the lines of a node, with ``name`` before each; by default the node's."""
+    """Publishes the lines of a node, with its namespace and ``name`` before each; by default the node's.
 
-    def __init__(self, node: Node, name: str = "") -> None:
-        self._node, self._name = node, name or node.get_name()
+    ``instance``, if there is one, is a value of every line.
+    """
+
+    def __init__(self, node: Node, name: str = "", instance: str = "") -> None:
+        self._node, namespace = node, node.get_namespace()
+        self._name = qualified(namespace, name or node.get_name())
+        self._hardware_id = qualified(namespace, HARDWARE)
+        self._values = {INSTANCE: instance} if instance else {}
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
-    def publish(self, lines: Iterable[Report], hardware_id: str = "fsw", time_ns: int | None = None) -> None:
+    def publish(self, lines: Iterable[Report], time_ns: int | None = None) -> None:
         """Publish lines of now, or of ``time_ns``."""
         status = [
             DiagnosticStatus(
                 level=line.level,
                 name=f"{self._name}: {line.part}",
                 message=line.text,
-                hardware_id=hardware_id,
-                values=[KeyValue(key=key, value=str(value)) for key, value in line.values.items()],
+                hardware_id=self._hardware_id,
+                values=[KeyValue(key=key, value=str(value)) for key, value in ({**line.values} | self._values).items()],
             )
             for line in lines
         ]

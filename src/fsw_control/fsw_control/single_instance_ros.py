@@ -10,6 +10,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from fsw_control.reports_ros import INSTANCE
 from fsw_msgs.msg import ShoulderDepth
 
 #: text of a plant's diagnostics during the search
@@ -27,14 +28,14 @@ class AnotherPlantError(RuntimeError):
 class SingleInstanceGuard:
     """Finds out whether another plant, or a replayed bag, publishes the same topics.
 
-    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own. The
+    Plants know each other by a value of their diagnostics, which holds the topic and a number of its own. The
     node's publisher of fsw/depth has to exist already, so that plants that start together see each other.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._topic = node.resolve_topic_name("fsw/depth")
-        self.hardware_id = f"{PREFIX}{uuid.uuid4().hex}@{self._topic}"
+        self.instance = f"{PREFIX}{uuid.uuid4().hex}@{self._topic}"
         self._heard = ""
 
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
@@ -82,9 +83,9 @@ class SingleInstanceGuard:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            other = status.hardware_id
-            if other == self.hardware_id or not other.startswith(PREFIX) or not other.endswith(f"@{self._topic}"):
+            other = next((pair.value for pair in status.values if pair.key == INSTANCE), "")
+            if other == self.instance or not other.startswith(PREFIX) or not other.endswith(f"@{self._topic}"):
                 continue
             # Of two that start together the one with the lower number may stay.
-            if status.message != STARTING or other < self.hardware_id:
+            if status.message != STARTING or other < self.instance:
                 self._heard = "a plant runs already"

@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SENSORS, Command
+from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi import reports_ros
@@ -158,7 +159,10 @@ class Watch:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now_s = time.monotonic()
         for status in message.status:
-            node, _, what = (readable(one, 100) for one in status.name.partition(": "))
+            name = local_name(status.name, status.hardware_id, self._node.get_namespace())
+            if name is None:
+                continue
+            node, _, what = (readable(one, 100) for one in name.partition(": "))
             parts = self._parts.get(node, {})
             if what not in parts and self._is_full(node):
                 continue
@@ -167,7 +171,7 @@ class Watch:
             values = {pair.key: pair.value for pair in status.values} if what in ("machine", "process") else {}
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             parts[what] = Part(level, readable(status.message), permissive), now_s
-            if status.name == "fsw_supervisor: process":
+            if name == "fsw_supervisor: process":
                 self.sensor_reasons = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
 
     def _is_full(self, node: str) -> bool:

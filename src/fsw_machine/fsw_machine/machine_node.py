@@ -64,10 +64,10 @@ class MachineNode(Node):
         self._reported = (0, 0)
         self._logged: dict[str, tuple[bytes, str]] = {}
         self._refused = ""
-        self._open_topics()
+        guard = SingleInstanceGuard(self)
+        self._open_topics(guard.instance)
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
-        self._guard = SingleInstanceGuard(self)
-        self._guard.check(values["discovery_s"], self._announce)
+        guard.check(values["discovery_s"], self._announce)
         self._settings.add_check(partial(problem, Limits.from_parameters))
         self._settings.on_change(self._configure)
         self._wake = self.create_guard_condition(self._on_events)
@@ -84,10 +84,10 @@ class MachineNode(Node):
         if self._machine.user is not None:
             password(self._machine.user)
 
-    def _open_topics(self) -> None:
+    def _open_topics(self, instance: str) -> None:
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._diagnostics = DiagnosticsPublisher(self)
+        self._diagnostics = DiagnosticsPublisher(self, instance=instance)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
 
     def destroy_node(self) -> None:
@@ -168,7 +168,7 @@ class MachineNode(Node):
         self._link.settings = _link_settings(values)
 
     def _announce(self) -> None:
-        self._diagnostics.publish([Report("connection", OK, STARTING, {})], self._guard.hardware_id)
+        self._diagnostics.publish([Report("connection", OK, STARTING, {})])
 
     def _report(self) -> None:
         gateway = self._gateway
@@ -185,7 +185,7 @@ class MachineNode(Node):
             commands_report(gateway.gate, refused, self._writers.names, self._writers.strange()),
             reports.writes(gateway, failed, longest_s),
         ]
-        self._diagnostics.publish(lines, self._guard.hardware_id)
+        self._diagnostics.publish(lines)
         for line in lines:
             if line.part in ("connection", "machine") and self._logged.get(line.part) != (line.level, _kind(line.text)):
                 self._logged[line.part] = (line.level, _kind(line.text))

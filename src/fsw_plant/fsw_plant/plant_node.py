@@ -68,10 +68,10 @@ class PlantNode(Node):
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._running = False
-        self._open_topics()
+        guard = SingleInstanceGuard(self)
+        self._open_topics(guard.instance)
         self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
-        self._guard = SingleInstanceGuard(self)
-        self._guard.check(values["discovery_s"], self._announce)
+        guard.check(values["discovery_s"], self._announce)
         self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._configure)
@@ -81,14 +81,14 @@ class PlantNode(Node):
         self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
         self._waiting_logged_s = time.monotonic()
 
-    def _open_topics(self) -> None:
+    def _open_topics(self, instance: str) -> None:
         # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
         # the sensors are announced last, it then has the other topics of a tick, too.
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
-        self._diagnostics = DiagnosticsPublisher(self)
+        self._diagnostics = DiagnosticsPublisher(self, instance=instance)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._settings["process"] == "canister":  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
@@ -258,7 +258,7 @@ class PlantNode(Node):
 
     def _publish_reports(self, lines: list[Report]) -> None:
         time_ns = self._plant.measure().stamp_ns if self._simulated and self._running else None
-        self._diagnostics.publish(lines, self._guard.hardware_id, time_ns)
+        self._diagnostics.publish(lines, time_ns)
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

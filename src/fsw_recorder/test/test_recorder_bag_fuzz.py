@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.mcap_file import MAGIC
-from fsw_test_support.bags import GENUINE, decode
+from fsw_test_support.bags import GENUINE, decoder
 from fsw_test_support.sample_weld import write_sample_weld
 
 pytestmark = pytest.mark.slow
@@ -60,9 +60,10 @@ def read(path: Path, content: bytes | None = None) -> list[BagRecord] | None:
             info = reader.info()
             records = list(reader.records())
             assert info.message_count == len(records)
+            decode = decoder(reader)
             for record in records[:20]:
                 try:
-                    decode(reader, record)
+                    decode(record)
                 except BagError as error:
                     assert str(error)
         return records

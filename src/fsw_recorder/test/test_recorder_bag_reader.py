@@ -13,7 +13,7 @@ from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.qos import is_latched
-from fsw_test_support.bags import decode
+from fsw_test_support.bags import decode, decoder
 
 
 def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
@@ -97,7 +97,7 @@ def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMod
         for time_ns in range(1, 100):
             writer.write(connection, time_ns, b"\0\1\0\0" + struct.pack("<d", time_ns))
     with BagReader(tmp_path / "bag") as reader:
-        assert [decode(reader, record).data for record in reader.records(["/x"], 10)] == list(range(10, 100))
+        assert [message.data for message in map(decoder(reader), reader.records(["/x"], 10))] == list(range(10, 100))
         info = reader.info()
     assert (info.message_count, info.storage, info.problems) == (99, storage.name.lower(), [])
     assert info.size_bytes == sum(file.stat().st_size for file in (tmp_path / "bag").glob("bag*"))

@@ -24,7 +24,7 @@ from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.recorder_node import RecorderNode
-from fsw_test_support.bags import decode
+from fsw_test_support.bags import decoder
 from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
@@ -47,11 +47,14 @@ def talk(graph: Any, publisher: Any, number: int, first: int = 0) -> None:
 
 
 def until_recorded(graph: Any, bag: Path, depths: int, topic: str = "/fsw/depth") -> None:
-    """Until so many messages are on file; there may be no file yet, or an empty one."""
+    """Until so many messages are on file; there may be no file yet, or an empty one. Read when it has grown."""
+    sizes: list[int] = []
 
     def recorded() -> bool:
+        before = sizes[:]
+        sizes[:] = [path.stat().st_size for path in (bag, *sorted(bag.glob("*"))) if path.is_file()]
         try:
-            return len(depths_of(bag, topic)) >= depths
+            return sizes != before and len(depths_of(bag, topic)) >= depths
         except (BagError, KeyError):
             return False
 
@@ -65,7 +68,7 @@ def records_of(bag: Path, topic: str) -> list[BagRecord]:
 
 def depths_of(bag: Path, topic: str = "/fsw/depth") -> list[float]:
     with BagReader(bag) as reader:
-        return [decode(reader, record).depth for record in reader.records([topic])]
+        return [message.depth for message in map(decoder(reader), reader.records([topic]))]
 
 
 def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, String
 
 from fsw_control.topics_ros import LATEST
 from fsw_recorder.bag_reader import BagReader
-from fsw_test_support.bags import decode
+from fsw_test_support.bags import decoder
 
 pytestmark = pytest.mark.slow
 
@@ -38,7 +38,7 @@ class Listener:
 
 def depths_of(bag: Path) -> list[float]:
     with BagReader(bag) as reader:
-        return [decode(reader, record).data for record in reader.records(["/demo/depth"])]
+        return [message.data for message in map(decoder(reader), reader.records(["/demo/depth"]))]
 
 
 @pytest.mark.parametrize("name", ["mcap_zstd", "sqlite3"])

@@ -77,6 +77,10 @@ class ControllerRegistry:
         """Record of ``name``, or None when it was never seen."""
         return self._records.get(name)
 
+    def any_reported(self) -> bool:
+        """Whether a controller has published its status."""
+        return any(record.status_seen for record in self)
+
     def all_reported(self) -> bool:
         """Whether every controller in the graph has published its status."""
         present = [record for record in self if record.present]

@@ -77,10 +77,10 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
     return message
 
 
-def standby(role: str, unanswered: int) -> Report:
-    """Diagnostics of a node that does not lead, and has seen ``unanswered`` ticks in a row."""
-    level = WARN if unanswered else OK
-    return Report(role, level, f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered})
+def standby(role: str, unanswered: int, node: str) -> Report:
+    """Diagnostics of a ``node`` that does not lead, and has seen ``unanswered`` ticks in a row."""
+    level, values = WARN if unanswered else OK, {"unanswered ticks": unanswered, "node": node}
+    return Report(role, level, f"{role}: follows the leading supervisor", values)
 
 
 def diagnostics(

@@ -33,6 +33,7 @@ class ArbiterSettings:
     sensor_grace_s: float
     stall_tolerance_s: float
     takeover_wait_s: float
+    first_report_wait_s: float
     takeover_ticks: int
     warm_ticks: int
     readmit_ticks: int

@@ -35,7 +35,11 @@ class StartUp:
         """Steady time until which the controllers may report which of them was selected; None: no longer relevant."""
         if not self._in_force.before_first or self._measured_s is None:
             return None
-        return self._measured_s + self._machine.settings.takeover_wait_s
+        settings = self._machine.settings
+        wait_s = settings.takeover_wait_s
+        if not self._registry.any_reported():
+            wait_s = max(wait_s, settings.first_report_wait_s)
+        return self._measured_s + wait_s
 
     def begin(self, now_s: float) -> None:
         """Note that measurements arrive; the time to listen counts from the first."""
@@ -62,7 +66,7 @@ class StartUp:
         candidate = tick.candidates.get(machine.target)
         if tick.drives is not None:
             self._begin_from(tick, self._in_force.commanded(tick.drives), "the drives' feedback")
-        elif not final or not self._listened(now_s):
+        elif not final or not self._heard(now_s):
             return False
         elif self._in_force.seen is not None:
             self._begin_from(tick, self._in_force.seen, "the last command seen")
@@ -87,6 +91,10 @@ class StartUp:
         ends_s = self.listening_ends_s
         return ends_s is None or now_s >= ends_s
 
+    def _heard(self, now_s: float) -> bool:
+        """Whether all controllers have reported, or have had time to."""
+        return self._listened(now_s) or self._registry.all_reported()
+
     def may_command(self, tick: Tick, now_s: float, final: bool) -> bool:
         """Whether a first command may be sent in any mode, as a safe stop may have been in force before.
 
@@ -96,7 +104,7 @@ class StartUp:
         if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
             return True
         if final:
-            return self._listened(now_s) or self._registry.all_reported()
+            return self._heard(now_s)
         reported = [record.status_seen for record in self._registry if record.name in tick.candidates]
         return self._listened(now_s) and bool(reported) and all(reported)
 

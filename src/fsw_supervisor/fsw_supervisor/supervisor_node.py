@@ -208,8 +208,8 @@ class SupervisorNode(Node):
 
     def _diagnose(self) -> None:
         if self._role is not Role.ACTIVE:
-            line = reports.standby(str(self._role), self._failover.unanswered)
-            self._diagnostics.publish([line], hardware_id=self.get_name())
+            line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
+            self._diagnostics.publish([line])
             return
         namesakes = {record.name: self._controllers.proposers(record.name) for record in self._arbiter.registry}
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])

@@ -182,7 +182,7 @@ def test_a_first_proposal_that_is_refused_is_no_start(make_rig):
 
 
 def test_the_operators_values_are_a_start_when_nothing_else_is_known(make_rig):
-    rig = started(make_rig)
+    rig = started(make_rig, first_report_wait_s=0.3)
     rig.names = []
     for _ in range(5):
         rig.tick()
@@ -193,7 +193,7 @@ def test_the_operators_values_are_a_start_when_nothing_else_is_known(make_rig):
 
 
 def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.25}))
+    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.25, "first_report_wait_s": 0.0}))
     for _ in range(3):
         Hand(rig).drives().samples().proposal().wait(0.099)
     assert rig.arbiter.ticks.commands == 1
@@ -205,7 +205,7 @@ def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
     rig = make_rig()
     rig.drives = Command(95.3, 200.0)
     rig.names = []
-    for _ in range(6):
+    for _ in range(25):
         rig.tick()
     limits = rig.arbiter.settings.limits
     first = next(tick[0] for tick in rig.ticks if tick)
@@ -216,7 +216,11 @@ def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
     ("values", "patience"), [({"readmit_ticks": 8}, 8), ({"readmit_ticks": 3, "warm_ticks": 6}, 6)]
 )
 def test_a_fallback_replaces_the_configured_controller_after_so_many_good_proposals(make_rig, values, patience):
-    rig = make_rig(ArbiterSettings.from_values(values | {"takeover_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}))
+    rig = make_rig(
+        ArbiterSettings.from_values(
+            values | {"takeover_wait_s": 0.0, "first_report_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}
+        )
+    )
     rig.names = ["nmpc"]
     rig.run(patience)
     assert rig.last.source == "hold"
@@ -227,7 +231,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
 
 
 def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.0}))
+    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.0, "first_report_wait_s": 0.0}))
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
     hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).status(after_s=0.05)
     assert hand.sources == ["decentral"]
@@ -273,7 +277,7 @@ def test_the_start_is_told_with_the_reason(rig):
 def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
     rig = make_rig()
     rig.names = []
-    for _ in range(6):
+    for _ in range(25):
         rig.tick()
     assert rig.last.reason == "starting: waiting for decentral: no proposal yet"
     rig.arbiter.registry.join("decentral")

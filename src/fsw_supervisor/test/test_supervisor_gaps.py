@@ -269,7 +269,7 @@ def test_holding_at_the_start_does_not_chase_the_drives(make_rig):
     rig = make_rig()
     feed = Feed(rig)
     acting = Command(80.0, 410.0)
-    for _ in range(20):
+    for _ in range(40):
         feed.next()
         feed.acting = Command(acting.force_kn + 4.0, acting.speed_rpm)
         feed.drives()

@@ -3,7 +3,9 @@
 import pytest
 
 from fsw_control.contract import Command, Limits
+from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch, DriveOffset
+from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Machine
@@ -193,8 +195,12 @@ def test_where_the_command_or_the_drives_are_not_known_nothing_is_learnt(what):
 
 def new_start_up():
     """How control begins, with the command in force that it works on."""
-    machine, in_force = Machine(ArbiterSettings.from_values({"takeover_wait_s": 0.3})), CommandInForce()
-    return StartUp(machine, None, None, in_force), in_force
+    settings = ArbiterSettings.from_values({"takeover_wait_s": 0.3, "first_report_wait_s": 1.5})
+    machine, in_force = Machine(settings), CommandInForce()
+    registry = ControllerRegistry(machine, SafetyMonitor(machine), lockstep=False)
+    registry.join("nmpc")
+    registry.on_status("nmpc", ())
+    return StartUp(machine, registry, None, in_force), in_force
 
 
 def test_until_its_first_command_it_takes_who_was_selected_and_what_was_commanded():

@@ -18,7 +18,9 @@ class Ticks:
     """Ticks of an arbiter with two controllers; ``proposals_first`` is one order of the messages, else the other."""
 
     def __init__(self):
-        self.arbiter = Arbiter(ArbiterSettings.from_values({"warm_ticks": 3, "takeover_wait_s": 0.0}))
+        self.arbiter = Arbiter(
+            ArbiterSettings.from_values({"warm_ticks": 3, "takeover_wait_s": 0.0, "first_report_wait_s": 0.0})
+        )
         self.now_s, self.stamp_ns = 50.0, 10**15
 
     def tick(self, proposals_first=False, after_ns=STEP_NS, **commands):

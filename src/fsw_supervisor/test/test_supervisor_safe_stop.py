@@ -313,6 +313,21 @@ def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop
 
 
 @pytest.mark.requirement("S25")
+@pytest.mark.parametrize("proposing", [True, False])
+def test_a_new_supervisor_that_finds_the_controllers_late_still_hears_of_the_safe_stop(rig, proposing):
+    """On a busy machine, their status is heard more than a second after the measurements, and after their proposals."""
+    ask(rig, "safe_stop")
+    rig.run(2).restart()
+    tell = rig.arbiter.on_status
+    rig.arbiter.on_status = lambda *args: []
+    rig.silent = set() if proposing else set(rig.names)
+    assert not [one for _ in range(18) for one in rig.tick()]
+    rig.arbiter.on_status = tell
+    rig.silent.clear()
+    assert [one.source for _ in range(5) for one in rig.tick()] == ["safe_stop"] * 5
+
+
+@pytest.mark.requirement("S25")
 @pytest.mark.parametrize("asked_for", ["", "manual"])
 @pytest.mark.parametrize("gap_s", [0.4, 2.0])
 def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig, asked_for, gap_s):

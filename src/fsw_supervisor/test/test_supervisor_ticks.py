@@ -142,7 +142,7 @@ def test_it_is_woken_at_the_end_of_the_grace_and_at_the_deadline(rig):
 
 
 def test_in_lockstep_it_is_woken_for_the_shadows_and_at_the_start_for_the_controllers(make_rig):
-    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.2}), lockstep=True)
+    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.2, "first_report_wait_s": 0.0}), lockstep=True)
     begun_s, woken = rig.now_s, []
     rig.arbiter.on_drives(rig.stamp_ns, rig.drives, begun_s)
     samples(rig, rig.stamp_ns, begun_s)
@@ -158,7 +158,13 @@ def test_in_lockstep_it_is_woken_for_the_shadows_and_at_the_start_for_the_contro
 @pytest.mark.requirement("S27")
 @pytest.mark.parametrize("mode", ["hold", "manual", "start", "abandoned"])
 def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
-    values = {"start_timeout_s": 3.0, "hold_timeout_s": 2.0, "operator_hold_timeout_s": 4.0, "takeover_wait_s": 0.0}
+    values = {
+        "start_timeout_s": 3.0,
+        "hold_timeout_s": 2.0,
+        "operator_hold_timeout_s": 4.0,
+        "takeover_wait_s": 0.0,
+        "first_report_wait_s": 0.0,
+    }
     rig = make_rig(ArbiterSettings.from_values(values))
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
     if mode == "start":

@@ -41,6 +41,7 @@ def exact_c(course: ToolCourse) -> np.ndarray:
     return exact_stir_zone_c(SMALL, course, 0.25)
 
 
+@pytest.mark.full
 def test_the_reduced_stir_zone_follows_all_finite_elements_at_every_step(
     course: ToolCourse, exact_c: np.ndarray
 ) -> None:
@@ -51,6 +52,7 @@ def test_the_reduced_stir_zone_follows_all_finite_elements_at_every_step(
     assert np.abs(history.stir_zone_c - exact_c).max() < 0.15
 
 
+@pytest.mark.full
 def test_implicit_steps_of_all_finite_elements_come_near_the_exact_ones(
     course: ToolCourse, exact_c: np.ndarray
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,18 @@ def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def decoder(reader: BagReader) -> Callable[[BagRecord], Any]:
+    """Makes messages of a bag's records, by its definitions or the installed ones; a `BagError` when one is damaged."""
+    topics, definitions = reader.topics(), Definitions()
+
+    def message(record: BagRecord) -> Any:
+        topic = topics[record.topic]
+        in_bag = topic.definition if topic.definition_encoding == "ros2msg" else ""
+        return definitions.decode(record.type_name, in_bag or interface_definition(record.type_name), record.data)
+
+    return message
+
+
 def decode(reader: BagReader, record: BagRecord) -> Any:
-    """Message of a record by the bag's definition, or by the installed one; a `BagError` when it is damaged."""
-    topic = reader.topics()[record.topic]
-    in_bag = topic.definition if topic.definition_encoding == "ros2msg" else ""
-    return Definitions().decode(record.type_name, in_bag or interface_definition(record.type_name), record.data)
+    """The message of one record."""
+    return decoder(reader)(record)

@@ -67,6 +67,7 @@ _SUPERVISOR = {
     "storm_window_s": 1.0,
     "transition_ticks": 2,
     "takeover_wait_s": 0.1,
+    "first_report_wait_s": 0.2,
     "safe_force_kn": 75.0,
     "safe_rate_kn_per_s": 10.0,
 }
