@@ -93,7 +93,7 @@ def _identify(arguments: argparse.Namespace) -> Summary:
     if arguments.air is not None:
         start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
     for weld in welds:
-        for note in weld.notes:  # now, too, because the fit of a long weld takes minutes
+        for note in weld.notes:  # now, too, because the fit takes a while
             print(f"{weld.name}: {note}", file=sys.stderr)
     with ProgressBar("identifying") as bar:
         fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)

@@ -33,7 +33,7 @@ _ROUNDS, _LARGEST_SHARE = 4, 0.4
 def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
     found: list[Shift] = []
-    for i, residuals in enumerate(problem.last.residuals):
+    for i, residuals in enumerate(problem.residuals):
         sizes = _sizes(residuals / problem.noise)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
@@ -63,7 +63,7 @@ def drop_small_shifts(problem: Problem) -> None:
     """Drop shifts that turned out to be insignificant, e.g. at the end of an excluded window."""
     if not problem.shifts:
         return
-    variances = np.diag(np.linalg.pinv(problem.information(problem.last)))[-len(problem.shifts) :]
+    variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -1]
     real = np.abs(problem.sizes) > _REAL_SHIFT * np.sqrt(variances)
     problem.set_shifts([problem.shifts[i] for i in np.flatnonzero(real)], problem.sizes[real])
 
@@ -76,7 +76,7 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
     for _ in range(_ROUNDS):
-        found = [disturbed_windows(residuals, noise) for residuals in problem.last.residuals]
+        found = [disturbed_windows(residuals, noise) for residuals in problem.residuals]
         share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(axis=0)
         followed &= share < _LARGEST_SHARE
         new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]

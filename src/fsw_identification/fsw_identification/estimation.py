@@ -14,8 +14,8 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.problem import NOISE_FLOOR, OUTLIER, WALK, Problem, Shift
-from fsw_identification.simulation import CANDIDATES, OUTPUTS, hats
+from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
+from fsw_identification.simulation import CANDIDATES, OUTPUTS
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import IdentificationError, Segment
 from fsw_model import ModelParameters
@@ -71,6 +71,9 @@ class Fit:
     offset: FloatArray
     offset_std: FloatArray
     shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
+    #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is the sensor's
+    share: tuple[float, float]
+    heat_and_offset: float  #: correlation of slow heat and offset of the temperature
     notes: list[str]  #: what was left out, one line each
 
     @property
@@ -105,9 +108,8 @@ def identify(
     Raises
     ------
     IdentificationError
-        No parameter is identifiable.
+        No parameter is identifiable, or none can be computed.
     """
-    start = start or ModelParameters()
     iterations = 0
 
     def count() -> None:
@@ -116,9 +118,20 @@ def identify(
         if progress is not None:
             progress(1.0 - np.exp(-iterations / 30.0))  # the number of iterations is not known in advance
 
+    try:
+        return _identify(segments, start or ModelParameters(), count)
+    except np.linalg.LinAlgError as error:
+        raise IdentificationError(
+            f"the estimate broke down ({error}); start nearer to the process (--model), or weld a designed experiment, "
+            "see --design"
+        ) from error
+
+
+def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progress) -> Fit:
     kept: dict[str, str] = {}
     first = Problem(segments, start, CANDIDATES)
     first.noise = _sensor_noise(segments)
+    first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
     best = _best_start(start, segments, free, first.noise, count)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
@@ -142,7 +155,7 @@ def _best_start(
         solved = _solve_twice(scaled, segments, free, count)
         if best is None or solved.evidence() < best.evidence():
             best = solved
-        share = np.concatenate([disturbed_windows(one, noise) for one in solved.last.residuals]).mean(axis=0)
+        share = np.concatenate([disturbed_windows(one, noise) for one in solved.residuals]).mean(axis=0)
         if (solved.noise < _AS_GOOD * noise).all() or (share < _SHARE_OF_DISTURBANCE).all():
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
@@ -214,9 +227,8 @@ def expected_deviations(
     """
     problem = Problem(segments, parameters, CANDIDATES)
     problem.noise, problem.walk = noise, WALK[0]
-    at = problem.evaluate()
-    at = at._replace(residuals=[0.0 * residuals for residuals in at.residuals])
-    covariance = np.linalg.inv(problem.information(at))
+    problem.settle()
+    covariance = np.linalg.inv(problem.information())
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))
 
 
@@ -232,8 +244,8 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
 
     Of several that are not identifiable together the least important one is kept nominal first.
     """
-    whole = problem.information(problem.evaluate())
-    left, others = list(range(len(problem.free))), range(len(problem.free), problem.columns)
+    whole = problem.information()
+    left, others = list(range(len(problem.free))), range(len(problem.free), len(whole))
     order = {name: rank for rank, name in enumerate(_KEPT_FIRST)}
     while True:
         names = [problem.free[i] for i in left]
@@ -259,12 +271,10 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
 
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:
-    """What errors of the parameters that are kept nominal add to the covariance of everything else."""
-    if not kept:
-        return np.zeros_like(covariance)
+    """What errors of parameters that are kept nominal add to the covariance of everything else."""
     free, n = problem.free, len(problem.free)
     problem.free = (*free, *kept)
-    information, _ = problem.normal(problem.evaluate())
+    information = problem.information()
     problem.free = free
     at = np.arange(n, n + len(kept))
     others = np.delete(np.arange(len(information)), at)
@@ -273,29 +283,20 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
 
 
 def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
-    residuals = problem.last.residuals
+    residuals = problem.residuals
     if problem.reject:
-        inside = [np.where(np.abs(one / problem.noise) < OUTLIER, one, np.nan) for one in residuals]
+        inside = [np.where(weights > 0.0, one, np.nan) for one, weights in zip(residuals, problem.weights, strict=True)]
         count = np.isfinite(np.concatenate(residuals)).sum(axis=0) - np.isfinite(np.concatenate(inside)).sum(axis=0)
         notes = notes + [f"{name}: {n} samples left out: outliers" for name, n in zip(OUTPUTS, count, strict=True) if n]
         residuals = inside
     colour = np.array([long_run_factor([one[:, i] for one in residuals]) for i in range(3)])
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
-    whole = problem.information(problem.last._replace(residuals=residuals))
-    problem.noise = white
-    covariance = np.asarray(np.linalg.inv(whole), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
-    state, mean = problem.state(), np.zeros((2, problem.columns))
-    total = sum(segment.n_ticks for segment in problem.segments)
-    disturbances = []
-    for i, segment in enumerate(problem.segments):
-        weights, columns = hats(segment.n_ticks), problem.walk_columns(i)
-        disturbances.append(weights @ state[columns].T)
-        mean[np.arange(2)[:, None], columns[:2]] = weights.sum(axis=0) / total
+    offset, offset_std = problem.mean_disturbance(covariance)
+    problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
-    sizes = zip(
-        problem.shifts, map(float, problem.sizes), map(float, std[std.size - problem.sizes.size :]), strict=True
-    )
+    sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
     return Fit(
         parameters=problem.parameters,
         free=problem.free,
@@ -304,11 +305,13 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         noise=white,
         colour=colour,
         segments=problem.segments,
-        predicted=problem.last.predicted,
+        predicted=problem.predicted,
         residuals=residuals,
-        disturbances=disturbances,
-        offset=mean @ state,
-        offset_std=np.sqrt(np.diag(mean @ covariance @ mean.T)),
+        disturbances=problem.disturbances(),
+        offset=offset,
+        offset_std=offset_std,
         shifts=list(sizes),
+        share=(problem.share, float(std[-1])),
+        heat_and_offset=problem.heat_and_offset(),
         notes=notes,
     )

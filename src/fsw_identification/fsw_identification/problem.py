@@ -1,4 +1,4 @@
-"""Normal equations and Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`.
+"""Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`.
 
 No solver of SciPy does this: noise and size of the random walks are estimated again before each step, so that what is
 minimised changes from step to step.
@@ -7,48 +7,79 @@ minimised changes from step to step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.special import huber
+from scipy.optimize import minimize_scalar
+from scipy.signal import savgol_filter
 
-from fsw_analysis.weld_signals import FloatArray, IntArray
-from fsw_identification.simulation import CANDIDATES, START, hats, knots, simulate
+from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
+from fsw_identification.simulation import (
+    DEPENDS,
+    DEPTH,
+    KNOT_TICKS,
+    OUTPUTS,
+    TEMPERATURE,
+    TORQUE,
+    Knowledge,
+    Response,
+    Walks,
+    driven,
+    heated,
+    respond,
+    shown,
+    softened,
+    walks,
+)
 from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
+from fsw_model.equations import power_kw
 
 #: prior standard deviation of the logarithm of a parameter: practically none
 _PRIOR_LOG = 2.0
-#: prior standard deviations of ``START``
-_START_PRIOR = np.array([1.0, 0.3, 20.0, 20.0, 500.0, 20.0])
+#: prior standard deviations at the first knot, by output: of the states, and of the disturbances
+_STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0]), np.zeros(0))
+_OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
 #: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
-#: prior standard deviations of the disturbances at the beginning; a constant one of an output is not identifiable
-_OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
-#: standard deviations of a disturbance's change within KNOT_S: smallest, at the start, largest
+#: of an output: the walks of its input and of itself
+_WALKS_OF = ((0, 2), (1, 3), (4,))
+#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
+#: smallest, at the start, largest
 WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
-#: at the beginning of a segment depth and temperature are not used for so long: dead time and tool
-_SETTLING_TICKS = 40
+WALK = np.stack([WALK, 0.03 * WALK], axis=1)
+#: at the beginning of a segment the outputs are not used for so long: dead time and tool, motor
+_SETTLING_TICKS = (0, 40, 20)
 #: smallest noise that is assumed, so that noise-free data do not get infinite weight
 NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
 OUTLIER = 5.0
 _HUBER = 3.0
-#: the output whose disturbance acts on the process, and the part of that which is not measured
-_TORQUE, HEAT = 2, 3
+#: the part of the disturbance of the torque which acts on the process and is not measured
+HEAT = 3
+#: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
+#: is one of the sensor: mean and standard deviation before the depth tells
+SHARE, _SHARE_DEVIATION = 0.5, 0.5
 _LARGEST_MOVE = 0.3
-#: largest factor on the size of a random walk in one iteration
-_WALK_STEP = 4.0
 _WALK_SETTLED = 0.3
+#: largest factor on the size of a walk in one iteration
+_WALK_STEP = 4.0
+#: what a disturbance has to add to the evidence before its size is e times the smallest
+_PARSIMONY = 4.0
+#: a trend at the first knot, in what changes it from knot to knot
+_TREND = 3.0
 _LEAST, _ITERATIONS = 3, 30
 _MOST_DAMPED = 1e4
-#: converged when the next move is below this many standard deviations, all unknowns together
+#: converged when the next move is below this many standard deviations, all parameters together
 _CONVERGED = 0.05
+#: difference of the logarithm of a parameter by which slopes are computed
+_SLOPE = 1e-5
+#: the measured temperature is smoothed over so many ticks for its effect on the depth
+_SMOOTH_TICKS = 21
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,19 +93,27 @@ class Shift:
     tick: int  #: first row of the segment that is shifted
 
 
-class Evaluation(NamedTuple):
-    """Predictions (n, 3), residuals (n, 3) and their slopes (n, 3, columns of the segment), by segment."""
+@dataclass(slots=True)
+class _Part:
+    """One output of one segment, at some parameters."""
 
-    predicted: list[FloatArray]
-    residuals: list[FloatArray]
-    slopes: list[FloatArray]
+    segment: int
+    output: int
+    response: Response
+    walk: Walks
+    data: Compressed
+    at_knots: FloatArray  #: (k, p)
+
+    def shown(self) -> FloatArray:
+        """Without shifts."""
+        return shown(self.response, self.walk, self.at_knots)
 
 
 class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
-    Columns of the unknowns: logarithms of the free parameters; per segment ``START`` and the knots of each of
-    ``WALKS``; sizes of the shifts.
+    The border is the logarithms of the free parameters, the sizes of the shifts and the share of the tool in slow
+    disturbances of the temperature.
 
     Parameters
     ----------
@@ -87,240 +126,302 @@ class Problem:
     ----------
     noise : (3,) array
         Standard deviation of each output's residuals.
-    walk : (5,) array
-        Standard deviation of the change within ``KNOT_S`` of each of ``WALKS``.
+    walk : (2, 5) array
+        Standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend.
     fixed_walk : bool
         Whether ``walk`` stays as it is.
     reject : bool
         Whether outliers are left out, instead of counting less (Huber).
     shifts : list of Shift
-    values : array
-        Of all columns but those of the parameters.
-    last : Evaluation
-        At the last solution.
+    sizes : array
+        Of the shifts.
+    share : float
+        Of the tool in slow disturbances of the temperature.
+    predicted, residuals : list of (n, 3) arrays
+        At the last solution, by segment.
     """
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.parameters, self.free = start, tuple(free)
         self.noise, self.walk = np.array([0.01, 1.0, 10.0]), WALK[1].copy()
         self.shifts: list[Shift] = []
+        self.sizes, self.share = np.zeros(0), SHARE
         self.reject, self.fixed_walk = False, True
-        starts = [_initial(segment, start) for segment in segments]
-        self.values = np.concatenate(starts)
-        self._bounds = list(pairwise(np.cumsum([0, *(one.size for one in starts)]).tolist()))
-        self.segments = [_settled(segment) for segment in segments]
-        self.last = Evaluation([], [], [])
-
-    @property
-    def sizes(self) -> FloatArray:
-        """Sizes of the shifts."""
-        return self.values[self._bounds[-1][1] :]
+        self.segments = list(segments)
+        self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
+        self.predicted, self.residuals = list[FloatArray](), list[FloatArray]()
+        self._known = [_measured(segment, start) for segment in segments]
+        self._parts: list[_Part] = []
 
     def set_shifts(self, shifts: Sequence[Shift], sizes: FloatArray) -> None:
         """Replace all shifts."""
-        self.shifts = list(shifts)
-        self.values = np.concatenate([self.values[: self._bounds[-1][1]], sizes])
+        self.shifts, self.sizes = list(shifts), np.asarray(sizes, dtype=float)
 
-    def evaluate(self) -> Evaluation:
-        """Simulate all segments with the present values."""
-        found = [self._evaluate(i, segment) for i, segment in enumerate(self.segments)]
-        return Evaluation(*map(list, zip(*found, strict=True)))
+    def disturbances(self) -> list[FloatArray]:
+        """(n, 5) by segment: courses of ``WALKS``."""
+        found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
+        for part in self._parts:
+            for which, at_knots in zip(reversed(_WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False):
+                found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
+        return found
 
-    def _evaluate(self, i: int, segment: Segment) -> tuple[FloatArray, FloatArray, FloatArray]:
-        nuisance, weights = self.values[slice(*self._bounds[i])], hats(segment.n_ticks)
-        k, n = weights.shape[1], len(self.free)
-        n_process = len(START) + 2 * k
-        own = [j for j, shift in enumerate(self.shifts) if shift.segment == i]
-        sizes, outputs = self.sizes[own], np.array([self.shifts[j].output for j in own], dtype=int)
-        ticks = np.array([self.shifts[j].tick for j in own], dtype=int)
-        steps = (np.arange(segment.n_ticks)[:, None] >= ticks).astype(float)
-        heats = outputs >= _TORQUE  # a shift of the torque heats as well
-        course = simulate(
-            self.parameters, segment, nuisance[:n_process], steps[:, heats], sizes[heats], outputs[heats] == _TORQUE
-        )
-        slopes = np.zeros((segment.n_ticks, 3, n + nuisance.size + len(own)))
-        scale = np.array([getattr(self.parameters, name) for name in self.free])
-        slopes[:, :, :n] = course.by_candidate[:, :, [CANDIDATES.index(name) for name in self.free]] * scale
-        slopes[:, :, n : n + n_process] = course.by_nuisance[:, :, :n_process]
-        by_shift = slopes[:, :, n + nuisance.size :]
-        by_shift[:, :, heats] = course.by_nuisance[:, :, n_process:]
-        shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
-        for output in range(3):
-            begin = n + n_process + output * k
-            slopes[:, output, begin : begin + k] = weights
-        for column in np.flatnonzero(~heats):
-            shown[:, outputs[column]] += steps[:, column] * sizes[column]
-            by_shift[:, outputs[column], column] = steps[:, column]
-        return shown, segment.measured - shown, slopes
+    def mean_disturbance(self, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(2,): mean disturbances of force and power, and their standard deviations; ``covariance`` of the border."""
+        parts = self._linearised(self.parameters, True)
+        means, variances, by_border = np.zeros(2), np.zeros(2), np.zeros((2, len(covariance)))
+        total = sum(segment.n_ticks for segment in self.segments)
+        for part, one in zip(parts, self._eliminate(parts, True)[1], strict=True):
+            if part.output != TORQUE:
+                weights = np.zeros(part.at_knots.shape)
+                weights[:, -2] = self.segments[part.segment].n_ticks / total / len(weights)
+                means[part.output] += float((weights * part.at_knots).sum())
+                by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values[:, :, 1:])
+                variances[part.output] += one.variance(weights)
+        return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
 
-    @property
-    def columns(self) -> int:
-        """Number of unknowns."""
-        return len(self.free) + self.values.size
+    def heat_and_offset(self) -> float:
+        """Correlation of heat and offset of the temperature: of their mean rises since the beginning."""
+        parts = self._linearised(self.parameters, False)
+        variances = np.zeros(3)
+        for part, one in zip(parts, self._eliminate(parts, False)[1], strict=True):
+            if part.output == TEMPERATURE:
+                both = np.zeros((2, *one.values.shape[:2]))
+                for which, weights in enumerate(both):
+                    weights[:, which - 2] = 1.0 / len(weights)
+                    weights[0, which - 2] -= 1.0
+                both[0] *= self.parameters.thermal_gain_c_per_kw
+                variances += [one.variance(weights) for weights in (*both, both.sum(axis=0))]
+        heat, offset, together = variances
+        return float((together - heat - offset) / (2.0 * np.sqrt(heat * offset)))
 
-    def _columns_of(self, segment: int) -> IntArray:
-        """Columns that a segment depends on."""
-        n, end = len(self.free), self._bounds[-1][1]
-        own = [n + end + j for j, shift in enumerate(self.shifts) if shift.segment == segment]
-        begin, end = self._bounds[segment]
-        return np.array([*range(n), *range(n + begin, n + end), *own])
+    def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
+        """(n, shifts + 1): what a unit of each shift, and of the share, adds to an output of a segment; if not
+        ``real``, only shows."""
+        segment, known = self.segments[i], self._known[i]
+        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
+        if real and output == DEPTH:
+            slopes[:, -1] = p.softening_per_c * known.doubtful_c * known.depth_mm / softened(p, known)
+        for column, shift in enumerate(self.shifts):
+            if shift.segment != i:
+                continue
+            step = (np.arange(segment.n_ticks) >= shift.tick).astype(float)
+            if shift.output == output:
+                slopes[:, column] = step
+            elif real and shift.output >= TORQUE and output == TEMPERATURE:  # a shift of the torque heats
+                power = np.asarray(power_kw(*cast("Any", (step, segment.speed_rpm))))
+                slopes[:, column] = heated(p, power, power)
+        return slopes
 
-    def walk_columns(self, segment: int) -> IntArray:
-        """Columns of the knots of ``WALKS`` in a segment, (5, knots)."""
-        begin, end = self._bounds[segment]
-        columns: IntArray = len(self.free) + np.arange(begin + len(START), end).reshape(len(WALKS), -1)
-        return columns
+    def _slopes(self, i: int, output: int, at_knots: FloatArray) -> FloatArray:
+        """(n, free): of an output by the logarithms of the parameters, at values at the knots."""
+        segment, known, p = self.segments[i], self._known[i], self.parameters
 
-    def weights(self, residuals: FloatArray) -> FloatArray:
-        """Weights of residuals in standard deviations; 0 where there is no sample."""
-        size = np.abs(np.nan_to_num(residuals, nan=np.inf))
-        if self.reject:
-            return np.asarray(size < OUTLIER, dtype=float)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)))
+        def at(parameters: ModelParameters) -> FloatArray:
+            response = respond(output, parameters, segment, known)
+            walk = walks(response)
+            return shown(response, walk, driven(walk, at_knots))
 
-    def cost(self, residuals: Sequence[FloatArray]) -> float:
-        """Of the data at the present noise, Huber's or that of least squares with rejection, and of the prior."""
-        state = self.state()
-        total = float(state @ self.prior() @ state)
-        for one in residuals:
-            size = np.abs((one / self.noise)[np.isfinite(one)])
-            total += float((np.minimum(size, OUTLIER) ** 2 if self.reject else 2.0 * huber(_HUBER, size)).sum())
-        return total
+        slopes, here = np.zeros((segment.n_ticks, len(self.free))), at(p)
+        for column, name in enumerate(self.free):
+            if name in DEPENDS[output]:
+                slopes[:, column] = (at(p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})) - here) / _SLOPE
+        return slopes
 
-    def state(self) -> FloatArray:
-        """Value of each column, as the prior counts it: the parameters' are 0."""
-        return np.concatenate([np.zeros(len(self.free)), self.values])
+    def _linearised(self, p: ModelParameters, slopes: bool) -> list[_Part]:
+        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters."""
+        parts: list[_Part] = []
+        for i, segment in enumerate(self.segments):
+            for output in range(len(OUTPUTS)):
+                response = respond(output, p, segment, self._known[i])
+                walk, at_knots = walks(response), self._parts[len(parts)].at_knots if slopes else np.zeros(0)
+                columns = [np.nan_to_num(segment.measured[:, output])[:, None], self._shift_slopes(i, output, p)]
+                if slopes:
+                    columns.insert(1, self._slopes(i, output, at_knots))
+                columns[0] = columns[0] - (response.factor * response.course)[:, None]
+                data = compress(walk, response.factor, np.hstack(columns), self.weights[i][:, output])
+                parts.append(_Part(i, output, response, walk, data, at_knots))
+        return parts
 
-    def prior(self) -> FloatArray:
-        """Prior information of the columns; the walk's increments couple neighbouring knots."""
-        blocks = [_PRIOR_LOG**-2 * np.eye(len(self.free))]
-        for segment in self.segments:
-            blocks.append(np.diag(_START_PRIOR**-2))
-            differences = np.diff(np.eye(knots(segment.n_ticks)), axis=0)
-            for walk, offset in zip(self.walk, _OFFSET_PRIOR, strict=True):
-                block = differences.T @ differences / walk**2
-                block[0, 0] += offset**-2
-                blocks.append(block)
-        blocks.append(np.diag(_SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2))
-        return np.asarray(block_diag(*blocks))
+    def _eliminate(
+        self, parts: Sequence[_Part], slopes: bool, sizes: FloatArray | None = None
+    ) -> tuple[FloatArray, list[Eliminated]]:
+        """Information of residuals and border, prior included, without knots; and what each part is without them."""
+        walk, found = self.walk if sizes is None else sizes, []
+        of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
+        of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
+        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0])
+        for part in parts:
+            which, states = list(_WALKS_OF[part.output]), _STATE_PRIOR[part.output]
+            start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
+            steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
+            found.append(eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps))
+            border += found[-1].border
+        return border, found
 
-    def normal(self, at: Evaluation) -> tuple[FloatArray, FloatArray]:
-        """Information of the data and its gradient."""
-        information, gradient = np.zeros((self.columns, self.columns)), np.zeros(self.columns)
-        for i, (residuals, slopes) in enumerate(zip(at.residuals, at.slopes, strict=True)):
-            own = self._columns_of(i)
-            scaled = residuals / self.noise
-            root = np.sqrt(self.weights(scaled))
-            j = (slopes / self.noise[:, None] * root[:, :, None]).reshape(-1, own.size)
-            information[np.ix_(own, own)] += j.T @ j
-            gradient[own] += j.T @ (np.nan_to_num(scaled) * root).ravel()
-        return information, gradient
+    def _profile(self, p: ModelParameters) -> tuple[float, list[_Part], FloatArray]:
+        """Cost at parameters, with the best knots, shifts and share, these and these."""
+        parts = self._linearised(p, False)
+        border, found = self._eliminate(parts, False)
+        sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
+        for part, one in zip(parts, found, strict=True):
+            part.at_knots = one.values[:, :, 0] - one.values[:, :, 1:] @ sizes
+        return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
 
-    def information(self, at: Evaluation) -> FloatArray:
-        """Information of data and prior."""
-        return self.normal(at)[0] + self.prior()
+    def settle(self) -> None:
+        """Take the best knots, shifts and share at the present parameters: predictions, and what the outputs tell each
+        other.
 
-    def likely_walk(self, information: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Sizes of the random walks, one step of MacKay's iteration towards the largest evidence."""
-        covariance = np.linalg.inv(information + self.prior())
-        mean = covariance @ (gradient + information @ self.state())
-        squares, freedom = np.zeros(len(WALKS)), np.zeros(len(WALKS))
-        for i in range(len(self.segments)):
-            for which, at in enumerate(self.walk_columns(i)):
-                spread = covariance[np.ix_(at, at)]
-                variances = np.diag(spread)[1:] + np.diag(spread)[:-1] - 2.0 * np.diag(spread, 1)
-                squares[which] += float((np.diff(mean[at]) ** 2).sum())
-                freedom[which] += at.size - 1 - float(variances.sum()) / self.walk[which] ** 2
-        wanted = np.sqrt(squares / np.maximum(freedom, 1e-3))
-        wanted = np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP)
-        return np.asarray(np.clip(wanted, WALK[0], WALK[2]))
+        The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
+        """
+        _, self._parts, sizes = self._profile(self.parameters)
+        self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
+        self.predicted, self.residuals = [], []
+        for i, segment in enumerate(self.segments):
+            parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
+            shifts, of_sensor = (
+                np.column_stack([self._shift_slopes(i, output, p, real) @ sizes for output in range(3)])
+                for real in (True, False)
+            )
+            self.predicted.append(np.column_stack([part.shown() for part in parts]) + shifts)
+            self.residuals.append(_settled(segment.measured) - self.predicted[-1])
+            slow = np.column_stack([_between(part.at_knots[:, -1], segment.n_ticks) for part in parts])
+            seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
+            depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
+            doubtful = self._known[i].doubtful_c
+            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
+            self._known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful)
+
+    def _doubt(self) -> None:
+        """Take the slow disturbance of the temperature for what may be of the sensor."""
+        for part in self._parts[TEMPERATURE::3]:
+            settled = part.at_knots.copy()
+            settled[0, :-4] = settled[0, -2]
+            warmer = shown(part.response, part.walk, driven(part.walk, settled)) - part.response.course
+            self._known[part.segment] = self._known[part.segment]._replace(doubtful_c=warmer - warmer[0])
+
+    def information(self) -> FloatArray:
+        """Of free parameters, shifts and share, of data and prior."""
+        return self._eliminate(self._linearised(self.parameters, True), True)[0][1:, 1:]
+
+    def _likely_walk(self, parts: Sequence[_Part]) -> FloatArray:
+        """Sizes of the random walks with the largest evidence, of one after the other."""
+        found: FloatArray = self.walk.copy()
+
+        def evidence(log_size: float, of_output: list[_Part], at: tuple[int, int]) -> float:
+            sizes = found.copy()
+            sizes[at] = np.exp(log_size)
+            return self._evidence(*self._eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+
+        for output, which in enumerate(_WALKS_OF):
+            of_output = [part for part in parts if part.output == output]
+            for at in ((i, walk) for walk in which for i in range(2)):
+                bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
+                best = minimize_scalar(
+                    evidence, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
+                )
+                found[at] = np.exp(best.x)
+        return found
 
     def evidence(self) -> float:
-        """Minus twice the logarithm of the evidence at the last solution, but for a constant.
+        """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
+        samples = np.sum([(weights > 0.0).sum(axis=0) for weights in self.weights], axis=0)
+        found = self._evidence(*self._eliminate(self._linearised(self.parameters, True), True))
+        return found + 2.0 * float(samples @ np.log(self.noise))
 
-        Other than the cost it can be compared between solutions with walks of other sizes.
-        """
-        increments = sum(knots(segment.n_ticks) - 1 for segment in self.segments)
-        samples = np.isfinite(np.concatenate(self.last.residuals)).sum(axis=0)
-        walks = 2.0 * increments * float(np.log(self.walk).sum())
-        found = self.cost(self.last.residuals) + 2.0 * float(samples @ np.log(self.noise)) + walks
-        return found + float(np.linalg.slogdet(self.information(self.last))[1])
+    def _evidence(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
+        """At these parameters, with the best shifts."""
+        n = 1 + len(self.free)
+        cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
+        return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
 
-    def move(self, by: FloatArray) -> None:
-        """Change all unknowns."""
-        n = len(self.free)
-        moved = {
-            name: getattr(self.parameters, name) * float(np.exp(d)) for name, d in zip(self.free, by[:n], strict=True)
-        }
-        for name, low, high in (("dead_time_s", STEP_S, 10.0), ("motor_lag_s", 0.02, 10.0)):
-            if name in moved:
-                moved[name] = min(max(moved[name], low), high)
-        self.parameters, self.values = self.parameters.changed(**moved), self.values + by[n:]
-
-    def estimate_noise(self, residuals: Sequence[FloatArray]) -> None:
-        """Noise of each output from its residuals, without outliers."""
-        for i, column in enumerate(np.concatenate(residuals).T):
-            values = column[np.isfinite(column)]
-            spread = max(float(np.median(np.abs(values))) / 0.6745, NOISE_FLOOR[i])
-            good = values[np.abs(values) < OUTLIER * spread]
-            self.noise[i] = max(float(np.sqrt(np.mean(good**2))) if good.size else spread, NOISE_FLOOR[i])
+    def estimate_noise(self) -> None:
+        """Noise of each output from its residuals, without outliers; and the weights of the samples."""
+        columns = np.concatenate(self.residuals).T
+        self.noise = np.array([max(_spread(one), low) for one, low in zip(columns, NOISE_FLOOR, strict=True)])
+        for i, residuals in enumerate(self.residuals):
+            size = np.abs(np.nan_to_num(residuals / self.noise, nan=np.inf))
+            huber = np.where(np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0)
+            self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if self.reject else huber
 
     def solve(self, progress: Callable[[], None], iterations: int = _ITERATIONS) -> None:
         """Levenberg-Marquardt from the present values."""
-        damping, self.last = 1e-3, self.evaluate()
+        damping = 1e-3
+        for segment, weights in zip(self.segments, self.weights, strict=True):
+            weights *= np.isfinite(segment.measured)
+        if not self.fixed_walk:
+            self._doubt()
         for iteration in range(iterations):
             progress()
-            self.estimate_noise(self.last.residuals)
-            information, gradient = self.normal(self.last)
-            settled = True
+            self.settle()
+            self.estimate_noise()
+            before, self._parts, _ = self._profile(self.parameters)
+            parts, settled = self._linearised(self.parameters, True), True
             if not self.fixed_walk:
-                earlier, self.walk = self.walk, self.likely_walk(information, gradient)
+                earlier, self.walk = self.walk, self._likely_walk(parts)
                 settled = bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
-            prior = self.prior()
-            whole, pull = information + prior, gradient - prior @ self.state()
-            damping, by = self._descend(whole, pull, damping)
-            if damping > _MOST_DAMPED:
+                before, self._parts, _ = self._profile(self.parameters)
+            damping, size = self._descend(self._eliminate(parts, True)[0], before, damping)
+            if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
                 break
-            if iteration >= _LEAST and settled and float(by @ whole @ by) < _CONVERGED**2:
-                break
+        self.settle()
 
-    def _descend(self, whole: FloatArray, pull: FloatArray, damping: float) -> tuple[float, FloatArray]:
-        """Move so that the cost does not rise; the next damping, more than ``_MOST_DAMPED`` if no move does, and it."""
-        before, kept = self.cost(self.last.residuals), (self.parameters, self.values)
-        while True:
-            by = np.linalg.solve(whole + damping * np.diag(np.diag(whole)), pull)
-            largest = np.abs(by[: len(self.free)]).max(initial=0.0)
-            by = by * min(1.0, _LARGEST_MOVE / max(largest, 1e-12))
-            self.move(by)
-            found = self.evaluate()
-            after = self.cost(found.residuals)
+    def _descend(self, border: FloatArray, before: float, damping: float) -> tuple[float, float]:
+        """Move so that the cost does not rise; the next damping, too large if no move does, and its size."""
+        n = len(self.free)
+        information = border[1:, 1:]
+        while n and damping <= _MOST_DAMPED:
+            extra = np.zeros(len(information))
+            extra[:n] = damping * np.diag(information)[:n]
+            by = np.asarray(np.linalg.solve(information + np.diag(extra), border[1:, 0])[:n], dtype=np.float64)
+            by *= min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
+            moved = _moved(self.parameters, self.free, by)
+            after, parts, _ = self._profile(moved)
             if np.isfinite(after) and after <= before + 1e-6:
-                self.last = found
-                return max(damping / 10.0, 1e-9), by
-            self.parameters, self.values = kept
+                self.parameters, self._parts = moved, parts
+                return max(damping / 10.0, 1e-9), float(np.sqrt(by @ information[:n, :n] @ by))
             damping = max(10.0 * damping, 1e-4)
-            if damping > _MOST_DAMPED:
-                return damping, by
+        return damping, 0.0
 
 
-def _settled(segment: Segment) -> Segment:
-    """Without the first outputs that depend on power from before the segment, which is taken for constant."""
-    measured = segment.measured.copy()
-    measured[:_SETTLING_TICKS, :2] = np.nan
-    return replace(segment, measured=measured)
+def _moved(p: ModelParameters, free: Sequence[str], by: FloatArray) -> ModelParameters:
+    """Parameters after a change of their logarithms."""
+    moved = {name: getattr(p, name) * float(np.exp(d)) for name, d in zip(free, by, strict=True)}
+    for name, low, high in (("dead_time_s", STEP_S, 10.0), ("motor_lag_s", 0.02, 10.0)):
+        if name in moved:
+            moved[name] = min(max(moved[name], low), high)
+    return p.changed(**moved)
 
 
-def _initial(segment: Segment, p: ModelParameters) -> FloatArray:
-    """Nuisance to start from: an equilibrium at the first second of the data."""
-    shown = [p.operating_depth_mm, p.operating_temperature_c, 1e3]
-    for i, column in enumerate(segment.measured.T):
-        first = column[:10][np.isfinite(column[:10])]
-        known = first if first.size else column[np.isfinite(column)]
-        if known.size:
-            shown[i] = float(np.median(known))
-    depth, temperature, torque = shown
-    rise = temperature - p.operating_temperature_c
-    power = rise / p.thermal_gain_c_per_kw
-    creep = depth / (1.0 + p.softening_per_c * rise) - p.operating_depth_mm
-    return np.concatenate([[creep, 0.0, power, power, torque, power], np.zeros(len(WALKS) * knots(segment.n_ticks))])
+def _spread(values: FloatArray) -> float:
+    """Standard deviation without outliers."""
+    known = values[np.isfinite(values)]
+    spread = float(np.median(np.abs(known))) / 0.6745 if known.size else 0.0
+    good = known[np.abs(known) < OUTLIER * spread]
+    return float(np.sqrt(np.mean(good**2))) if good.size else spread
+
+
+def _between(at_knots: FloatArray, n: int) -> FloatArray:
+    """Linear between knots."""
+    return np.interp(np.arange(n), KNOT_TICKS * np.arange(len(at_knots)), at_knots)
+
+
+def _settled(measured: FloatArray) -> FloatArray:
+    """Without the first outputs that depend on power or torque from before the segment, which is taken for constant."""
+    settled = measured.copy()
+    for output, ticks in enumerate(_SETTLING_TICKS):
+        settled[:ticks, output] = np.nan
+    return settled
+
+
+def _measured(segment: Segment, p: ModelParameters) -> Knowledge:
+    """Depth and temperature as measured, smoothed."""
+    shown = []
+    for column, usual in zip(segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False):
+        known = np.flatnonzero(np.isfinite(column))
+        filled = np.interp(np.arange(column.size), known, column[known]) if known.size else np.full(column.size, usual)
+        shown.append(_smooth(filled))
+    return Knowledge(shown[TEMPERATURE] - p.operating_temperature_c, shown[DEPTH], *np.zeros((2, segment.n_ticks)))
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    return np.asarray(savgol_filter(values, _SMOOTH_TICKS, 2, axis=0))

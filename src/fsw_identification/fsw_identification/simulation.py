@@ -1,242 +1,180 @@
-"""The process model simulated along recorded inputs, with the sensitivity of its outputs to everything unknown.
+"""The model's outputs along recorded inputs: the response that is known, and what unknown slow disturbances add.
 
-The static equations are those of :mod:`fsw_model.equations`; here their parameters are symbols. The linear blocks (16),
-(17) and (18) are in modal form and exact for power and process torque that are linear within a step; the dead time is
-any number of seconds from one step on.
+The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs and from the others as
+they were measured and smoothed: depth (17), (27) from force and temperature; torque (18)-(23) from force, speed and
+depth; temperature (16), (24) from the power of that torque. So each is a linear response, of lags in parallel, exact
+for an input that is linear within a step. The fast pole of (17) is left out: it is a hundred times faster than a step.
 """
 
 from __future__ import annotations
 
-from functools import cache, lru_cache
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
+from scipy.signal import lfilter
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
-from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
+from fsw_model.equations import friction_torque_nm, power_kw, process_torque_nm
 
-#: what may be identifiable; the rest of the model is the point of linearisation, the fast pole and the friction
-CANDIDATES: tuple[str, ...] = (
-    *("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s"),
-    *("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "softening_per_c", "motor_lag_s"),
-    *("sliding_friction", "sticking_stress_pa", "contact_slope", "spindle_inertia_kgm2"),
-)
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
-#: state at the beginning of a segment, and the power before it
-START = ("creep_mm", "slow_mm", "copper_mode_kw", "tool_mode_kw", "motor_torque_nm", "power_before_kw")
-N_STATES = 5
-#: between two knots of a slow disturbance, which is linear in between [s]
-KNOT_S = 10.0
-
-_ALL = tuple(ModelParameters.model_fields)
-_N_POWER = 2
-
-
-def _ramped(x: Any, begin: Any, slope: Any, span_s: Any, lag_s: Any) -> Any:
-    """First-order lag after ``span_s`` in which its input was ``begin + slope t``; exact."""
-    behind = slope * lag_s
-    return begin + slope * span_s - behind + (x - begin + behind) * ca.exp(-span_s / lag_s)
+DEPTH, TEMPERATURE, TORQUE = range(3)
+#: what may be identifiable, by output; the rest of the model is the point of linearisation, the fast pole, the friction
+OF_TEMPERATURE = ("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s")
+OF_DEPTH = ("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "softening_per_c")
+OF_TORQUE = ("motor_lag_s", "sliding_friction", "sticking_stress_pa", "contact_slope", "spindle_inertia_kgm2")
+CANDIDATES: tuple[str, ...] = (*OF_TEMPERATURE, *OF_DEPTH, *OF_TORQUE)
+#: on which an output depends; on ``OF_TORQUE`` the temperature does by the power
+DEPENDS = (OF_DEPTH, (*OF_TEMPERATURE, *OF_TORQUE), OF_TORQUE)
+#: between two knots of a slow disturbance, which is linear in between
+KNOT_TICKS = 100
 
 
-def _tool_c(p: Any, copper: Any, tool: Any) -> Any:
-    """Delta T (16) of its two modes, each a lag of the power in kW."""
-    return p.thermal_gain_c_per_kw * (p.copper_lag_s * copper - p.tool_lag_s * tool) / (p.copper_lag_s - p.tool_lag_s)
+class Response(NamedTuple):
+    """An output over the ticks of a segment: ``factor (course + modes of the disturbed input)``."""
+
+    course: FloatArray  #: (n,): from rest, along the recorded inputs
+    #: (modes,): time constants [s], infinite of an integrator, and gains of the lags by which the input acts
+    lags_s: FloatArray
+    gains: FloatArray
+    factor: FloatArray  #: (n,)
 
 
-@cache
-def _functions() -> tuple[ca.Function, ca.Function]:
-    """Step and outputs, each with its Jacobian with respect to state, power, candidates and disturbances."""
-    values = ca.SX.sym("p", len(_ALL))
-    p: Any = SimpleNamespace(**dict(zip(_ALL, ca.vertsplit(values), strict=True)))
-    candidates = ca.vertcat(*(getattr(p, name) for name in CANDIDATES))
-    x = ca.SX.sym("x", N_STATES)
-    creep, slow, copper, tool, motor = ca.vertsplit(x)
-    older, newer = ca.SX.sym("older_kw", _N_POWER), ca.SX.sym("newer_kw", _N_POWER)
-    force, speed, whole_s = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm"), ca.SX.sym("whole_s")
-    disturbance = ca.SX.sym("disturbance", 2)  # kN and kW
-    pole_s, fast_s, gain = p.depth_pole_slow_s, p.depth_pole_fast_s, p.depth_gain_mm_per_kn_s
+class Knowledge(NamedTuple):
+    """What one output takes of the others, (n,) each."""
 
-    pushed = force - p.operating_force_kn + disturbance[0]
-    slow_gain = gain * (p.depth_zero_s - pole_s) / (pole_s - fast_s) * pole_s
-    fast = gain * (p.depth_zero_s - fast_s) / (fast_s - pole_s) * fast_s * pushed  # settled
-    left = ca.exp(-STEP_S / pole_s)
-    slow_end = left * slow + (1.0 - left) * slow_gain * pushed
-    creep_end = creep + gain * STEP_S * pushed
+    rise_c: FloatArray  #: of the tool over the operating temperature
+    depth_mm: FloatArray  #: of the tool
+    torque_nm: FloatArray  #: that acts in addition to the model's
+    #: slow disturbance of the temperature, of which only a share is known to be of the tool; that is in ``rise_c``
+    doubtful_c: FloatArray
 
-    # power of the older step arrives first, for the part of a step by which the dead time exceeds whole steps
-    part_s = p.dead_time_s - whole_s
-    rest_s = STEP_S - part_s
-    older_slope, newer_slope = (older[1] - older[0]) / STEP_S, (newer[1] - newer[0]) / STEP_S
-    ends = []
-    for mode, lag_s in ((copper, p.copper_lag_s), (tool, p.tool_lag_s)):
-        mode = _ramped(mode, older[0] + older_slope * rest_s + disturbance[1], older_slope, part_s, lag_s)
-        ends.append(_ramped(mode, newer[0] + disturbance[1], newer_slope, rest_s, lag_s))
-    before = depth_mm(p, creep, slow, fast, _tool_c(p, copper, tool))
-    after = depth_mm(p, creep_end, slow_end, fast, _tool_c(p, *ends))
+
+def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge) -> Response:
+    """Response of one of ``OUTPUTS``."""
+    none, ones = np.zeros(0), np.ones(segment.n_ticks)
+    if output == DEPTH:
+        pushed, pole_s = segment.force_kn - p.operating_force_kn, p.depth_pole_slow_s
+        gains = p.depth_gain_mm_per_kn_s * np.array([1.0, p.depth_zero_s - pole_s])
+        creep, slow = _filtered(STEP_S * pushed, 1.0), _lagged(pushed, pushed, pole_s)
+        course = p.operating_depth_mm + gains[0] * creep + gains[1] * slow
+        return Response(course, np.array([np.inf, pole_s]), gains, softened(p, known))
+    motor = _motor_nm(p, segment, known.depth_mm)
+    if output == TORQUE:
+        course = motor + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * segment.acceleration_rpm_per_s
+        return Response(course, none, none, ones)
+    speed: Any = segment.speed_rpm
     friction = friction_torque_nm(p, speed)
-    static = [process_torque_nm(p, force, depth) + friction for depth in (before, after)]
-    motor_end = _ramped(motor, static[0], (static[1] - static[0]) / STEP_S, STEP_S, p.motor_lag_s)
-    power = [power_kw(torque - friction, speed) - p.operating_power_kw for torque in (motor, motor_end)]
-    result = ca.vertcat(creep_end, slow_end, *ends, motor_end, *power)
-    known = ca.vertcat(x, older, newer)
-    step = ca.Function(
-        "step",
-        [known, disturbance, values, force, speed, whole_s],
-        [result, ca.jacobian(result, known), ca.jacobian(result, candidates), ca.jacobian(result, disturbance)],
-    )
-    step = ca.Function("step", step.sx_in(), [ca.densify(one) for one in step(*step.sx_in())])
-
-    acceleration = ca.SX.sym("acceleration_rpm_per_s")
-    rise = _tool_c(p, copper, tool)
-    shown = ca.vertcat(
-        depth_mm(p, creep, slow, fast, rise),
-        p.operating_temperature_c + rise,
-        motor + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration,
-    )
-    jacobians = [ca.densify(ca.jacobian(shown, x)), ca.densify(ca.jacobian(shown, candidates))]
-    disturbed = [x, disturbance, values, force, acceleration]
-    return step, ca.Function("outputs", disturbed, [shown, *jacobians])
+    ends: Any = [motor + known.torque_nm - friction, np.append(motor[1:], motor[-1]) + known.torque_nm - friction]
+    power: Any = [power_kw(torque, speed) - p.operating_power_kw for torque in ends]
+    lags_s, gains = np.array([p.copper_lag_s, p.tool_lag_s]), _thermal_gains(p)
+    return Response(p.operating_temperature_c + heated(p, *power), lags_s, gains, ones)
 
 
-@lru_cache(maxsize=8)
-def _mapped(n_ticks: int) -> ca.Function:
-    """The outputs of all ticks at once."""
-    return _functions()[1].map(n_ticks)
+def softened(p: ModelParameters, known: Knowledge) -> FloatArray:
+    """Factor (27) of the depth."""
+    return 1.0 + p.softening_per_c * known.rise_c
 
 
-class Course(NamedTuple):
-    """The model's prediction for a segment of n ticks."""
-
-    outputs: FloatArray  #: (n, 3): in the order of ``OUTPUTS``
-    by_candidate: FloatArray  #: (n, 3, len(CANDIDATES)): derivatives by the parameters
-    #: (n, 3, m): derivatives by ``START``, by the knots of the disturbances of force [kN], then of power [kW], and by
-    #: ``added``
-    by_nuisance: FloatArray
+def heated(p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray) -> FloatArray:
+    """Rise of the tool (16) after power that is linear within each step; constant before the first."""
+    lags = [_late(begin_kw, end_kw, lag_s, p.dead_time_s) for lag_s in (p.copper_lag_s, p.tool_lag_s)]
+    return np.asarray(_thermal_gains(p) @ lags)
 
 
-def knots(n_ticks: int) -> int:
-    """How many knots each slow disturbance has in a segment."""
-    return max(2, round(n_ticks * STEP_S / KNOT_S) + 1)
+def _thermal_gains(p: ModelParameters) -> FloatArray:
+    """Of the two modes of (16)."""
+    lags_s = np.array([p.copper_lag_s, -p.tool_lag_s])
+    return np.asarray(p.thermal_gain_c_per_kw * lags_s / (p.copper_lag_s - p.tool_lag_s))
 
 
-def hats(n_ticks: int) -> FloatArray:
-    """Weight of each knot at each tick, (n_ticks, knots)."""
-    n = knots(n_ticks)
-    position = np.linspace(0.0, n - 1.0, n_ticks)
-    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(n)))
+def _motor_nm(p: ModelParameters, segment: Segment, depth_mm: FloatArray) -> FloatArray:
+    """Motor torque (18) along recorded inputs, settled at the beginning."""
+    force: Any = segment.force_kn
+    speed: Any = segment.speed_rpm
+    depths: Any = depth_mm, np.append(depth_mm[1:], depth_mm[-1])
+    friction: Any = friction_torque_nm(p, speed)
+    begin, end = (np.asarray(process_torque_nm(p, force, depth) + friction) for depth in depths)
+    return np.asarray(begin[0] + _lagged(begin - begin[0], end - begin[0], p.motor_lag_s))
 
 
-class _Step:
-    """The step function with its results, without copies: ``run`` reads and writes the arrays that are here."""
-
-    def __init__(self, values: FloatArray, whole_s: float) -> None:
-        step, _ = _functions()
-        self.known, self.disturbance = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
-        self.force, self.speed = np.zeros(1), np.zeros(1)
-        self.result = np.zeros(N_STATES + _N_POWER)
-        self.by_known, self.by_candidate, self.by_disturbance = (
-            np.zeros((self.result.size, n), order="F") for n in (self.known.size, len(CANDIDATES), 2)
-        )
-        arguments = (self.known, self.disturbance, values, self.force, self.speed, np.array([whole_s]))
-        results = (self.result, self.by_known.T, self.by_candidate.T, self.by_disturbance.T)
-        buffer: Any
-        buffer, self.run = step.buffer()
-        for i, argument in enumerate(arguments):
-            buffer.set_arg(i, argument.data)
-        for i, result in enumerate(results):
-            buffer.set_res(i, result.data)
-        self._kept = buffer, arguments  # they have to live as long as what is run
+def _filtered(added: FloatArray, left: float) -> FloatArray:
+    """x of x[k + 1] = left x[k] + added[k], from 0."""
+    return np.asarray(lfilter([0.0, 1.0], [1.0, -left], added))
 
 
-def simulate(
-    p: ModelParameters,
-    segment: Segment,
-    nuisance: FloatArray,
-    shapes: FloatArray | None = None,
-    added: Any = (),
-    shows: Any = True,
-) -> Course:
-    """Simulate a segment along its recorded inputs.
-
-    Parameters
-    ----------
-    p : ModelParameters
-    segment : Segment
-    nuisance : (m,) array
-        ``START`` of the segment, and its knots of the disturbances of force [kN], then of power [kW].
-    shapes : (n, s) array, optional
-        Time courses of torques that the copper exerts in addition to the model's: they are measured, and they heat.
-    added : (s,) array
-        Sizes of the courses [N m].
-    shows : (s,) array of bool
-        Whether a course appears in the measured torque; otherwise it only heats.
-    """
-    n, n_candidates = segment.n_ticks, len(CANDIDATES)
-    added = np.asarray(added, dtype=float)
-    shapes = np.zeros((n, 0)) if shapes is None else shapes
-    shown_shapes = shapes * shows
-    values = np.array([getattr(p, name) for name in _ALL])
-    disturbance = hats(n) @ nuisance[len(START) :].reshape(2, -1).T
-    states, slopes = _states(p, values, segment, nuisance, disturbance, shapes, shapes @ added)
-    before = np.maximum(np.arange(n) - 1, 0)
-    shown, by_state, direct = _mapped(n)(
-        states.T, disturbance[before].T, np.tile(values[:, None], n), segment.force_kn[before][None],
-        segment.acceleration_rpm_per_s[None],
-    )  # fmt: skip
-    outputs = shown.full().T
-    outputs[:, 2] += shown_shapes @ added
-    total = by_state.full().reshape(3, n, N_STATES).transpose(1, 0, 2) @ slopes
-    total[:, :, :n_candidates] += direct.full().reshape(3, n, n_candidates).transpose(1, 0, 2)
-    total[:, 2, total.shape[2] - shapes.shape[1] :] += shown_shapes
-    return Course(outputs, total[:, :, :n_candidates], total[:, :, n_candidates:])
+def _ramped(begin: FloatArray, slope: FloatArray, span_s: float, lag_s: float) -> FloatArray:
+    """What an input adds to a first-order lag within ``span_s``."""
+    left = np.exp(-span_s / lag_s)
+    return np.asarray(begin * (1.0 - left) + slope * (span_s - lag_s * (1.0 - left)))
 
 
-def _states(
-    p: ModelParameters,
-    values: FloatArray,
-    segment: Segment,
-    nuisance: FloatArray,
-    disturbance: FloatArray,
-    shapes: FloatArray,
-    torque_nm: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """States (n, N_STATES) and their derivatives (n, N_STATES, columns of all unknowns of the segment)."""
-    n, n_candidates = segment.n_ticks, len(CANDIDATES)
-    weights = hats(n)
-    n_knots = weights.shape[1]
-    n_columns = n_candidates + nuisance.size + shapes.shape[1]
-    of_force, of_power = n_candidates + len(START), n_candidates + len(START) + n_knots
-    kw_per_nm = 1e-3 * RAD_PER_S_PER_RPM * segment.speed_rpm  # (24)
-    heat_kw = kw_per_nm[:, None] * shapes
-    whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
-    step = _Step(values, whole * STEP_S)
-    # power of the steps, those before the segment first; its derivatives are those by the power before
-    power = np.full((n + whole + 1, _N_POWER), nuisance[5])
-    power_slopes = np.zeros((n + whole + 1, _N_POWER, n_columns))
-    power_slopes[: whole + 1, :, n_candidates + 5] = 1.0
-    states, slopes = np.zeros((n, N_STATES)), np.zeros((n, N_STATES, n_columns))
-    states[0] = nuisance[:N_STATES]
-    slopes[0, :, n_candidates : n_candidates + N_STATES] = np.eye(N_STATES)
-    older, newer = slice(N_STATES, N_STATES + _N_POWER), slice(N_STATES + _N_POWER, None)
-    chained = np.empty((step.known.size, n_columns))
-    knot_of = np.minimum((np.linspace(0.0, n_knots - 1.0, n)).astype(int), n_knots - 2)
-    for k, i in enumerate(knot_of[:-1]):
-        step.known[:N_STATES], step.known[older], step.known[newer] = states[k], power[k], power[k + 1]
-        step.disturbance[:] = disturbance[k]
-        step.force[0], step.speed[0] = segment.force_kn[k], segment.speed_rpm[k]
-        step.run()
-        chained[:N_STATES], chained[older], chained[newer] = slopes[k], power_slopes[k], power_slopes[k + 1]
-        ahead = step.by_known @ chained
-        ahead[:, :n_candidates] += step.by_candidate
-        for which, begin in enumerate((of_force + i, of_power + i)):
-            ahead[:, begin : begin + 2] += step.by_disturbance[:, which, None] * weights[k, i : i + 2]
-        states[k + 1] = step.result[:N_STATES]
-        power[k + whole + 1] = step.result[N_STATES:] + kw_per_nm[k] * torque_nm[k]
-        slopes[k + 1], power_slopes[k + whole + 1] = ahead[:N_STATES], ahead[N_STATES:]
-        power_slopes[k + whole + 1, :, n_columns - shapes.shape[1] :] += heat_kw[k]
-    return states, slopes
+def _lagged(begin: FloatArray, end: FloatArray, lag_s: float) -> FloatArray:
+    """First-order lag, from 0, of an input that is linear within each step."""
+    return _filtered(_ramped(begin, (end - begin) / STEP_S, STEP_S, lag_s), np.exp(-STEP_S / lag_s))
+
+
+def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) -> FloatArray:
+    """As :func:`_lagged`, after a dead time of a step or more, settled before the first step."""
+    whole = int(np.floor(dead_time_s / STEP_S + 1e-9))
+    part_s = dead_time_s - whole * STEP_S
+    rest_s, first = STEP_S - part_s, begin[0]
+    slope = (end - begin) / STEP_S
+    # of a step that arrives, the end of the older one comes first
+    older = _ramped(begin - first + slope * rest_s, slope, part_s, lag_s) * np.exp(-rest_s / lag_s)
+    newer = _ramped(begin - first, slope, rest_s, lag_s)
+    arriving = np.zeros(begin.size + 1)
+    arriving[:-1] += newer
+    arriving[1:] += older
+    arriving = np.concatenate([np.zeros(whole), arriving])[: begin.size]
+    return np.asarray(first + _filtered(arriving, np.exp(-STEP_S / lag_s)))
+
+
+class Walks(NamedTuple):
+    """How what is unknown at the knots acts: states of the modes; then of the input's disturbance (if there are modes)
+    and of the output's what they change to the next knot, and themselves."""
+
+    here: FloatArray  #: (KNOT_TICKS, p): on the ticks after a knot
+    ahead: FloatArray  #: (KNOT_TICKS, p): on the ticks before it
+    before: FloatArray  #: (p, p): ``after`` times a knot's values is this times those of the knot before
+    after: FloatArray  #: (p, p)
+
+
+def walks(response: Response) -> Walks:
+    """Of a response; without modes only the output is disturbed."""
+    n, size = KNOT_TICKS, response.gains.size
+    count = 2 if size else 1
+    columns = size + 2 * count
+    share = np.arange(n + 1) / n
+    here, ahead = np.zeros((n + 1, columns)), np.zeros((n + 1, columns))
+    before, after = np.eye(columns), np.eye(columns)
+    before[-count:, -2 * count : -count] = np.eye(count)
+    here[:, -1], ahead[:, -1] = 1.0 - share, share
+    for i, (lag_s, gain) in enumerate(zip(response.lags_s, response.gains, strict=True)):
+        at_s, whole_s = STEP_S * np.arange(n + 1), STEP_S * n
+        integrates = np.isinf(lag_s)
+        left = np.ones(n + 1) if integrates else np.exp(-at_s / lag_s)
+        level = at_s if integrates else 1.0 - left
+        rising = at_s**2 / 2.0 / whole_s if integrates else (at_s - lag_s * (1.0 - left)) / whole_s
+        here[:, i] = gain * left
+        here[:, -2] += gain * (level - rising)
+        ahead[:, -2] += gain * rising
+        before[i, i], before[i, -2], after[i, -2] = left[-1], (level - rising)[-1], -rising[-1]
+    return Walks(here[:-1], ahead[:-1], before, after)
+
+
+def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
+    """Values at the knots with the states that the disturbance of the input leads to."""
+    driven = at_knots.copy()
+    for i in range(at_knots.shape[1] - 4):
+        added = at_knots[:-1, -2] * walk.before[i, -2] - at_knots[1:, -2] * walk.after[i, -2]
+        driven[:, i] = lfilter([1.0], [1.0, -walk.before[i, i]], np.append(at_knots[0, i], added))
+    return driven
+
+
+def shown(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
+    """An output of values at the knots, without shifts."""
+    added = at_knots[:-1] @ walk.here.T + at_knots[1:] @ walk.ahead.T
+    return np.asarray(response.factor * (response.course + added.ravel()[: response.course.size]))

@@ -87,6 +87,11 @@ def disturbances(fit: Fit) -> list[str]:
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
         if largest > _REMARKABLE[which]:
             lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
+    if any(float(np.ptp(one[:, which])) > _REMARKABLE[which] for one in fit.disturbances for which in (1, 3)):
+        lines.append(
+            f"heat and offset of the temperature: correlation {fit.heat_and_offset:+.2f}; of their sum the depth takes "
+            f"{fit.share[0]:.2f} (std {fit.share[1]:.2g}) for the tool's, 0: all is the sensor's"
+        )
     return lines
 
 

@@ -15,12 +15,8 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
-#: a longer weld gets a note [s]
-_LONG_S = 900.0
 #: a longer gap in the data ends a segment [s]
 _LONGEST_GAP_S = 2.0
-#: longer ones are divided, because the disturbances of each are unknowns of their own
-_LARGEST_TICKS = 3600
 #: a shorter segment is not used [s]
 _SHORTEST_S = 30.0
 #: order of the columns of ``measured``
@@ -91,15 +87,9 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
-    if not in_air and row[-1] * TICK_S > _LONG_S:
-        notes.append(
-            f"{row[-1] * TICK_S / 60.0:.0f} min is long: the estimate takes minutes, and its accuracy was only "
-            "measured on five-minute welds; prefer one or several of those (--design)"
-        )
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_GAP_S) + 1
     segments = []
-    stretches = np.split(np.arange(row.size), cuts)
-    for part in (piece for one in stretches for piece in np.array_split(one, max(1, -(-one.size // _LARGEST_TICKS)))):
+    for part in np.split(np.arange(row.size), cuts):
         n = int(row[part[-1]] - row[part[0]]) + 1
         if n * TICK_S < _SHORTEST_S:
             notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: too short")

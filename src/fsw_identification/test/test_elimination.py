@@ -1,0 +1,120 @@
+"""Elimination of the knots against dense algebra, and where normal equations break down."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import LinAlgError, cho_factor
+
+from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.elimination import Eliminated, compress, eliminate, knots
+from fsw_identification.simulation import KNOT_TICKS, Response, Walks, walks
+
+NOISE = 0.3
+#: lags and gains of depth, temperature and torque
+MODES = {
+    "depth": ([np.inf, 14.7], [1.6e-3, 2.4e-2]),
+    "temperature": ([30.5, 1.2], [18.8, -0.7]),
+    "torque": ([], []),
+}
+
+
+class Case(NamedTuple):
+    walk: Walks
+    factor: FloatArray
+    columns: FloatArray
+    weights: FloatArray
+    start: FloatArray
+    steps: FloatArray
+
+    def eliminated(self) -> Eliminated:
+        data = compress(self.walk, self.factor, self.columns, self.weights)
+        return eliminate(data, self.walk, NOISE, self.start, self.steps)
+
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """Dense rows of all knots, and of residual and border, in units of their standard deviations."""
+        n, p = len(self.columns), self.walk.here.shape[1]
+        k, width = knots(n), self.columns.shape[1]
+        by_knots = np.zeros((n, k, p))
+        for tick in range(n):
+            i, j = divmod(tick, KNOT_TICKS)
+            by_knots[tick, i], by_knots[tick, i + 1] = self.walk.here[j], self.walk.ahead[j]
+        by_knots *= self.factor[:, None, None]
+        stiff = 1e-3 * NOISE / np.maximum(np.abs(self.walk.here[0]), 1e-12)
+        tight = 1.0 / np.where(self.steps > 0.0, self.steps, stiff)
+        changes = np.zeros((k - 1, p, k, p))
+        for i in range(k - 1):
+            changes[i, :, i], changes[i, :, i + 1] = -self.walk.before, self.walk.after
+        first = np.zeros((p, k, p))
+        first[:, 0] = np.diag(1.0 / self.start)
+        root = np.sqrt(self.weights)[:, None] / NOISE
+        ours = [root * by_knots.reshape(n, -1), (tight[:, None, None] * changes).reshape(-1, k * p)]
+        ours.append(first.reshape(p, -1))
+        others = np.vstack([root * self.columns, np.zeros((k * p, width))])
+        return np.vstack(ours), others
+
+
+def case(output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.0), width: int = 3) -> Case:
+    """Random data; powers of ten of the priors within ``scales``."""
+    generator = np.random.default_rng(seed)
+    lags_s, gains = (np.array(one) for one in MODES[output])
+    factor = generator.uniform(0.8, 1.2, n)
+    walk = walks(Response(np.zeros(n), lags_s, gains, factor))
+    start, steps = 10.0 ** generator.uniform(*scales, (2, walk.here.shape[1]))
+    steps[: gains.size] = 0.0
+    weights = generator.integers(0, 3, n) / 2.0
+    return Case(walk, factor, generator.standard_normal((n, width)), weights, start, steps)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    output=st.sampled_from(sorted(MODES)),
+    n=st.integers(1, 9 * KNOT_TICKS),
+    seed=st.integers(0, 2**32 - 1),
+    width=st.integers(1, 8),
+)
+def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int) -> None:
+    one = case(output, n, seed, width=width)
+    found, (rows, others) = one.eliminated(), one.rows()
+    triangle = np.linalg.qr(rows)[1]
+    values, *_ = np.linalg.lstsq(rows, others, rcond=None)
+    left = others - rows @ values
+    np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-7, atol=1e-7)
+    shape = found.values.shape
+    deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(shape[:2])
+    np.testing.assert_allclose((found.values - values.reshape(shape)) / deviations[:, :, None], 0.0, atol=1e-5)
+    stiff = -np.log(np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12)))
+    expected = 2.0 * np.log(np.abs(np.diag(triangle))).sum() - 2.0 * (knots(n) - 1) * stiff.sum()
+    assert found.logdet == pytest.approx(expected, abs=1e-5)
+    weights = np.random.default_rng(seed).standard_normal(shape[:2])
+    variance = np.sum(np.linalg.solve(triangle.T, weights.ravel()) ** 2)
+    assert found.variance(weights) == pytest.approx(variance, rel=1e-4)
+
+
+@pytest.mark.parametrize("output", ["depth", "temperature"])
+def test_priors_of_any_size(output: str) -> None:
+    """Twelve powers of ten between what may change: normal equations are not positive definite there any more."""
+    broken = 0
+    for seed in range(20):
+        one = case(output, 12 * KNOT_TICKS, seed, (-7.0, 5.0))
+        rows, others = one.rows()
+        try:
+            cho_factor(rows.T @ rows)
+        except LinAlgError:
+            broken += 1
+        found = one.eliminated()
+        scale = np.linalg.norm(rows, axis=0)
+        values, *_ = np.linalg.lstsq(rows / scale, others, rcond=1e-16)
+        left = others - rows / scale @ values
+        np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-3, atol=1e-2)
+        assert np.isfinite(found.logdet) and np.isfinite(found.values).all()
+        assert np.linalg.eigvalsh(found.border).min() > 0.0
+    assert broken > 0
+
+
+def test_what_is_not_finite_is_told_by_a_cost_that_is_not() -> None:
+    one = case("depth", 3 * KNOT_TICKS, 0)
+    one.columns[5, 0], one.weights[5] = np.inf, 1.0
+    assert not np.isfinite(one.eliminated().border).all()
