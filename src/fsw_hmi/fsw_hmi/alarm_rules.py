@@ -39,6 +39,8 @@ _WRITERS = ("command topic", "commands")
 _OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 #: parts of a gateway that say whether commands reach the machine
 _GATEWAY = ("connection", "machine", "writes")
+#: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
+_SWAP_S = 12.0
 _LONGEST_ID = 100
 #: in a reason: that a supervisor has led since in another's place, which is not the cause
 _TAKEOVER = re.compile(r"^took over[^(]*\((.*)\)$")
@@ -156,6 +158,7 @@ class AlarmRules:
         self._mute_since_s: float | None = None
         self._stop: Alarm | None = None
         self._failed = "", ""
+        self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
@@ -263,13 +266,23 @@ class AlarmRules:
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            if self._failed[0] != target:  # why it was left, not what has happened since
-                self._failed = target, because(why, target)
-            found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
-            return str(target)
+            return self._failover(actual, target, why, found)
         if mode != "hold":
             self._failed = "", ""
+        self._nominal = actual if mode == "auto" else ""
         return None
+
+    def _failover(self, actual: str, target: str, why: str, found: dict[str, Alarm]) -> str | None:
+        """Somebody commands in place of whom was selected; one selected just now may need its time."""
+        if actual == self._nominal:
+            why = "it was asked for, and is not ready"
+            found["failover"] = replace(alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S)
+            return None
+        self._nominal = ""
+        if self._failed[0] != target:  # why it was left, not what has happened since
+            self._failed = target, because(why, target)
+        found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
+        return target
 
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
         name, why = one["name"], one["reason"]

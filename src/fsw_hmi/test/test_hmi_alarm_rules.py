@@ -160,6 +160,26 @@ def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_th
     assert after == "decentral commands in place of nmpc: (a)"
 
 
+def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
+    listed = AlarmList(lambda count: Alarm("", "", "", "low"))
+
+    def told(now_s, **changed):
+        listed.update(rules.present(situation(state=state(**changed)), now_s), now_s)
+        return [one.alarm.text for one in listed.entries.values()]
+
+    waits = {"target_controller": "decentral", "reason": "nmpc is configured to start with", "requested_by": "start"}
+    assert told(0.0) == told(1.0, **waits) == told(11.0, **waits) == []
+    assert told(12.0, actual_controller="decentral", target_controller="decentral") == told(13.0) == []
+    assert told(20.0, **waits) == []
+    late = ["nmpc commands in place of decentral: it was asked for, and is not ready"]
+    assert told(33.0, **waits) == late
+    assert told(40.0) == told(42.0) == late, "until it is acknowledged"
+    listed.acknowledge(["failover"], "Anna")
+    assert told(43.0, actual_controller="other", reason="nmpc failed: late") == [
+        "other commands in place of nmpc: late"
+    ]
+
+
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
     def told(reason):
         found = rules.present(situation(sensor_reasons={"depth": reason}), 0.0).get("sensor:depth")
