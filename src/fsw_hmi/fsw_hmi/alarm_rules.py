@@ -344,6 +344,8 @@ class AlarmRules:
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
+            if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
+                found["standby"] = alarm("standby")
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)

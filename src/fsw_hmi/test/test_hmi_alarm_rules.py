@@ -106,6 +106,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
         ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
         ({"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}}, "foreign", "medium"),
+        ({"parts": {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}}}, "standby", "low"),
         ({"pages": 2}, "other_page", "medium"),
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
