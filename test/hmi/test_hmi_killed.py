@@ -1,5 +1,6 @@
 """``kill -9`` of each process of a weld, watched through the page: what it says."""
 
+import re
 import time
 
 import pytest
@@ -21,6 +22,16 @@ SAID = {
     "supervisor": ("supervisor", "No commands from the supervisor"),
     "plant": ("measurements", "No measurements: the drives are silent"),
 }
+
+#: a time of the epoch, which no person can read
+EPOCH = re.compile(r"\b1[6-9]\d{8}\b")
+
+
+def texts(content):
+    """All texts in a frame."""
+    if isinstance(content, dict | list):
+        return [text for one in (content.values() if isinstance(content, dict) else content) for text in texts(one)]
+    return [content] if isinstance(content, str) else []
 
 
 @pytest.fixture
@@ -70,3 +81,4 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
                 alarm(name, "cleared")
                 launcher.children[process].process.kill()
                 alarm(name, "active", count=2)
+        assert not [text for frame in page.frames.values() for text in texts(frame) if EPOCH.search(text)]

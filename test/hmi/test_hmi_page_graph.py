@@ -93,7 +93,7 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
 
 
 @pytest.mark.parametrize("bounds", [["--ros-args", "-p", "speed_max:=415.0"]], ids=["415 rpm"])
-def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_until_it_is_within(address, open_page):
+def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(address, open_page):
     url, token = address
     page = open_page(url)
     in_control(page, secret=token)
@@ -133,3 +133,14 @@ def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_until_it_is_within(
     expect(tile.locator(".goal")).to_be_hidden()
     reached.get_by_role("button", name="Ack").click()
     expect(reached).to_have_count(0)
+
+    press(page, "Fault")  # a trip: what came first is marked, and the stop names it
+    form.get_by_label("Sensor").select_option("torque")
+    form.get_by_label("Fault").select_option("drift")
+    form.get_by_label("Size").fill("60")
+    form.get_by_label("Duration").fill("0")  # lasts
+    press(page, "Set the fault")
+    expect(who).to_have_text("safe stop")
+    expect(alarms.locator("li.high", has_text="Safe stop:")).to_contain_text("first: ")
+    expect(alarms.locator("li", has_text="first out")).to_have_count(1)
+    shot(page, "graph_first_out")

@@ -44,6 +44,8 @@ _SWAP_S = 12.0
 _LONGEST_ID = 100
 #: in a reason: that a supervisor has led since in another's place, which is not the cause
 _TAKEOVER = re.compile(r"^took over[^(]*\((.*)\)$")
+#: in a reason: the interlock that has tripped, and its value, which the page shows
+_TRIPPED = re.compile(r"^(\w+) is trip: .*$")
 
 
 class _Texts(BaseModel):
@@ -83,6 +85,8 @@ def because(reason: str, name: str = "") -> str:
     while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
         reason = reason.removeprefix(found).lstrip(": ")
     reason = _TAKEOVER.sub(r"\1", reason.removeprefix("safe stop: "))
+    if (tripped := _TRIPPED.match(reason)) and tripped[1] in _TEXTS.interlocks:
+        return _TEXTS.interlocks[tripped[1]][0]
     return reason if reason not in ("", "is inhibited", "is not ready", "safe stop") else "no reason is told"
 
 

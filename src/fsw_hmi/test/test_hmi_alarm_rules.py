@@ -280,6 +280,8 @@ def test_whether_commands_reach_the_machine_is_told(rules):
         ("nmpc is not ready: 3 of 5 good proposals in a row", "3 of 5 good proposals in a row"),
         ("controller nmpc is unknown", "is unknown"),
         ("nmpc has left the graph", "has left the graph"),
+        ("safe stop: torque_high is trip: torque_nm 1615", "Torque too high"),
+        ("took over: 3 ticks (new_one is trip: x_mm 1)", "new_one is trip: x_mm 1"),
         ("", "no reason is told"),
     ],
 )
