@@ -46,7 +46,7 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
         }
     if "iterations_max" in measured:
         for cap in (_LOW_CAP, load("fsw_nmpc", "nmpc.yaml")["max_iterations"].default):
-            counts[f"estimate of the worst with `max_iterations` {cap}"] = _worst(measured, cap)
+            counts[f"estimated worst case with `max_iterations` {cap}"] = _worst(measured, cap)
         for clock in _CLOCKS:
             budget = 0.1 * clock * 1e6 / _CYCLES[-1]
             caps[clock] = max((cap for cap in range(1, 201) if _worst(measured, cap) <= budget), default=0)
