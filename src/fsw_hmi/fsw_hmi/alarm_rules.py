@@ -104,37 +104,19 @@ _FINE = Part("ok", "")
 
 @dataclass(slots=True)
 class Situation:
-    """What the rules look at. Ages in s, None before the first.
+    """What the rules look at. Ages in s, None before the first."""
 
-    Attributes
-    ----------
-    state : mapping or None
-        The supervisor's state as the page gets it.
-    state_age_s, tick_age_s, command_age_s : float or None
-    sample_age_s : mapping of str to float
-        Age of the last finite sample by sensor.
-    sensor_reasons : mapping of str to str
-        What the supervisor says of each sensor, ``good`` if nothing is wrong.
-    values : mapping of str to float
-        The newest row by column; NaN where unknown.
-    attainable : Reference or None
-        The set-points that the controller which commands goes for.
-    parts : mapping of str to (mapping of str to Part)
-        By node and part.
-    pages : int
-        Servers of an operator's page in the graph.
-    """
-
-    state: Mapping[str, Any] | None = None
+    state: Mapping[str, Any] | None = None  #: the supervisor's, as the page gets it
     state_age_s: float | None = None
     tick_age_s: float | None = None
     command_age_s: float | None = None
-    sample_age_s: Mapping[str, float] = field(default_factory=dict)
+    sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
+    #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_reasons: Mapping[str, str] = field(default_factory=dict)
-    values: Mapping[str, float] = field(default_factory=dict)
-    attainable: Reference | None = None
-    parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)
-    pages: int = 1
+    values: Mapping[str, float] = field(default_factory=dict)  #: the newest row by column; NaN where unknown
+    attainable: Reference | None = None  #: the set-points that the controller which commands goes for
+    parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
+    pages: int = 1  #: servers of an operator's page in the graph
 
     def value(self, column: str) -> float:
         """A value of the newest row."""
@@ -148,16 +130,11 @@ class AlarmRules:
     ----------
     setting : callable
         Returns a parameter of the node by its name.
-
-    Attributes
-    ----------
-    replaced : Reference or None
-        What stands in for set-points that are out of reach; None while they are not.
     """
 
     def __init__(self, setting: Callable[[str], float]) -> None:
         self._setting = setting
-        self.replaced: Reference | None = None
+        self.replaced: Reference | None = None  #: what stands in for set-points that are out of reach
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._stop: Alarm | None = None
