@@ -347,7 +347,7 @@ class MultiThreadedExecutor(Executor):
     Parameters
     ----------
     num_threads : int, optional
-        How many callbacks may run at a time; as many as there are processors by default.
+        How many callbacks may run at a time; as many as the process has processors by default.
     context : Context, optional
     """
 
@@ -358,7 +358,7 @@ class MultiThreadedExecutor(Executor):
                 "MultiThreadedExecutor is used with a single thread. Use the SingleThreadedExecutor instead.",
                 stacklevel=2,
             )
-        self._pool = ThreadPoolExecutor(num_threads or os.cpu_count() or 1, "rclpy")
+        self._executor = ThreadPoolExecutor(num_threads or len(os.sched_getaffinity(0)), "rclpy")
         # The tasks in the pool, each with its thread as soon as it runs.
         self._at_work: dict[Task, int] = {}
         self._finished = threading.Condition()
@@ -377,7 +377,7 @@ class MultiThreadedExecutor(Executor):
             if not self._finished.wait_for(lambda: not set(self._at_work.values()) - {own}, timeout):
                 return False
         inside = own in self._at_work.values()
-        self._pool.shutdown(wait=wait_for_threads and not inside)
+        self._executor.shutdown(wait=wait_for_threads and not inside)
         return super().shutdown(timeout_sec)
 
     def _spin_once(self, timeout_sec: float | None, condition: Callable[[], bool]) -> None:
@@ -407,7 +407,7 @@ class MultiThreadedExecutor(Executor):
         with self._finished:
             self._at_work[task] = 0
         try:
-            self._pool.submit(self._work, task)
+            self._executor.submit(self._work, task)
         except RuntimeError:  # shut down in the meantime
             self._end(task)
 
