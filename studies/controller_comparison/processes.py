@@ -35,11 +35,13 @@ SWEEP: dict[str, dict[str, float]] = {
     **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
     **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
     "drive lag 0.3 s": {"actuators.lag_s": 0.3},
+    **{f"loop latency {k / 10:g} s": {"actuators.dead_time_ticks": k} for k in (1, 3)},
 }
-#: The nine besides the nominal one of the count of wins.
+#: Those of the count of wins, besides the nominal one.
 FIXED = (
-    *("thermal gain × 0.7", "thermal gain × 1.4", "depth gain × 0.7", "depth gain × 1.4"),
-    *("softening × 0.5", "softening × 2", "dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s"),
+    *(f"{gain} gain × {k:g}" for gain in ("thermal", "depth") for k in (0.5, 0.7, 1.4, 2.0)),
+    *("torque × 0.85", "softening × 0.5", "softening × 2", "thermal lag × 0.5", "thermal lag × 2"),
+    *("dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s", "loop latency 0.1 s"),
 )
 #: Ranges of the factors of the random processes.
 RANDOM: dict[str, tuple[float, float]] = {

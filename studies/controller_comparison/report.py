@@ -85,8 +85,8 @@ def _judged(runs: Mapping[str, Any]) -> list[str]:
 
 
 def sweep_rows(data: Mapping[str, Any]) -> Rows:
-    """IAE on processes that differ from the model, and whether an output still oscillates at the end."""
-    rows = [["plant", *JUDGED.values(), "still oscillates at the end"]]
+    """IAE on processes that differ from the model, and whether an output oscillates for good."""
+    rows = [["plant", *JUDGED.values(), "oscillates for good"]]
     for name, runs in data.items():
         if not failed(runs):
             swinging = ", ".join(label for label, run in runs.items() if run["swings"])

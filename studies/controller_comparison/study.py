@@ -75,7 +75,7 @@ def sweep(processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
 
 
 def random_plants(count: int) -> dict[str, Any]:
-    """The sweep on random processes: ratios to the better PI and to smith, and how many swing at the end."""
+    """The sweep on random processes: ratios to the better PI and to smith, and on how many an output oscillates."""
     data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count))})
     swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
     return {"plants": count, "ratios": ratios(data), "smith": ratios(data, (SMITH,)), "swings": swings}
@@ -178,7 +178,7 @@ def wins() -> dict[str, Any]:
         (name, case, noise) for name in processes for case in (*CASES, *VALIDATION_CASES) for noise in (False, True)
     ]
     jobs = [Job(label, case, noise, processes[name]) for name, case, noise in welds for label in FINALISTS]
-    results = _run_all("events on ten processes", jobs)
+    results = _run_all(f"events on {len(processes)} processes", jobs)
     data: dict[str, Any] = {"tuning": [0, 0], "validation": [0, 0], "losses": []}
     for name, case, noise in welds:
         runs = {label: results[Job(label, case, noise, processes[name])] for label in FINALISTS}

@@ -1,7 +1,8 @@
-"""Actuators: rate limit and first-order lag between the command and the actual values."""
+"""Actuators: dead time, rate limit and first-order lag between the command and the actual values."""
 
 from __future__ import annotations
 
+from collections import deque
 from math import exp
 
 from fsw_model import STEP_S
@@ -10,23 +11,32 @@ from fsw_model import STEP_S
 class Actuator:
     """One drive.
 
-    It takes a new set-point at each tick, at most ``largest_step`` away from the one before, and follows it with a
-    first-order lag of time constant ``lag_s``, which is solved exactly; 0: it is where the set-point is.
+    A set-point reaches it ``dead_time_ticks`` after it was given. It takes a new one at each tick, at most
+    ``largest_step`` away from the one before, and follows it with a first-order lag of time constant ``lag_s``, solved
+    exactly; 0: it is where the set-point is.
     """
 
-    def __init__(self, position: float, largest_step: float, lag_s: float) -> None:
+    def __init__(self, position: float, largest_step: float, lag_s: float, dead_time_ticks: int = 0) -> None:
         self.position = position
         self.setpoint = position
-        self.configure(largest_step, lag_s)
+        self._on_the_way: deque[float] = deque()
+        self.configure(largest_step, lag_s, dead_time_ticks)
 
-    def configure(self, largest_step: float, lag_s: float) -> None:
-        """Change largest step and lag, see the class."""
+    def configure(self, largest_step: float, lag_s: float, dead_time_ticks: int = 0) -> None:
+        """Change its settings, see the class; set-points that are to come earlier replace the older ones."""
         self._largest = largest_step
         self._left = exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
         self._mean = lag_s / STEP_S * (1.0 - self._left)
+        while len(self._on_the_way) < dead_time_ticks:
+            self._on_the_way.appendleft(self.setpoint)
+        while len(self._on_the_way) > dead_time_ticks:
+            self._on_the_way.popleft()
 
     def advance(self, target: float) -> float:
-        """Move for one tick towards ``target``; returns the mean position over the tick."""
+        """Move for one tick, after ``target`` was given; returns the mean position over the tick."""
+        if self._on_the_way:
+            self._on_the_way.append(target)
+            target = self._on_the_way.popleft()
         change = target - self.setpoint
         if -self._largest <= change <= self._largest:
             self.setpoint = target

@@ -4,6 +4,8 @@ from itertools import pairwise
 from math import exp, inf, isnan, nan, pi, sin
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
@@ -215,3 +217,19 @@ def test_stamps_follow_the_wall_clock():
     set_back = stamps.next(7 * TICK_NS)
     assert set_back == 7 * TICK_NS and stamps.jumps == 1
     assert stamps.next(8 * TICK_NS + JUMP_NS + 1) == 8 * TICK_NS + JUMP_NS + 1 and stamps.jumps == 2
+
+
+@given(dead=st.integers(0, 10), targets=st.lists(st.floats(60.0, 95.0), min_size=1, max_size=30))
+def test_dead_time_of_a_drive_is_the_same_motion_later(dead, targets):
+    prompt, late = Actuator(78.4, 1.0, 0.02), Actuator(78.4, 1.0, 0.02, dead)
+    expected = [78.4] * dead + [prompt.advance(target) for target in targets]
+    assert [late.advance(target) for target in targets] == pytest.approx(expected[: len(targets)], abs=1e-12)
+
+
+def test_dead_time_of_a_drive_may_change_on_the_way():
+    drive = Actuator(70.0, 10.0, 0.0, 2)
+    assert [drive.advance(target) for target in (71.0, 72.0, 73.0)] == [70.0, 70.0, 71.0]
+    drive.configure(10.0, 0.0, 0)  # 72 is overtaken
+    assert drive.advance(74.0) == 74.0
+    drive.configure(10.0, 0.0, 1)
+    assert [drive.advance(target) for target in (75.0, 76.0)] == [74.0, 75.0]
