@@ -72,6 +72,7 @@ class Outcome:
     ticks: int
     lost: int
     sources: list[str]
+    reasons: list[str]  #: why each of these commanded first
     jump_kn: float
     jump_rpm: float
     depth_mm: float
@@ -318,16 +319,14 @@ class Weld(Spinner):
                     ),
                 )
                 moves.append((nearest, new))
+        answers = [self.commands[stamp] for stamp in stamps if stamp in self.commands]
+        in_turn = [(source, next(group).reason) for source, group in itertools.groupby(answers, lambda one: one.source)]
         return Outcome(
             exact=self.lockstep,
             ticks=len(stamps),
-            lost=sum(stamp not in self.commands for stamp in stamps),
-            sources=[
-                source
-                for source, _ in itertools.groupby(
-                    self.commands[stamp].source for stamp in stamps if stamp in self.commands
-                )
-            ],
+            lost=len(stamps) - len(answers),
+            sources=[source for source, _ in in_turn],
+            reasons=[reason for _, reason in in_turn],
             jump_kn=max((abs(b.force_kn - a.force_kn) for a, b in moves), default=0.0),
             jump_rpm=max((abs(b.speed_rpm - a.speed_rpm) for a, b in moves), default=0.0),
             depth_mm=max(abs(truth.depth - truths[0].depth) * 1e3 for truth in truths),

@@ -10,11 +10,12 @@ import pytest
 from fsw_control import messages_ros as convert
 
 DEADLINE = "no proposal at the deadline"
+IN_REAL_TIME = (pytest.mark.full, pytest.mark.real_time)
 FALLBACK = "fallback in the same tick, inhibited"
 
 
 @pytest.mark.requirement("S5")
-@pytest.mark.parametrize("lockstep", [True, False])
+@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.real_time)])
 def test_a_nominal_weld_loses_nothing(launch, table, lockstep):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     first = weld.restore()
@@ -27,7 +28,7 @@ def test_a_nominal_weld_loses_nothing(launch, table, lockstep):
 
 
 @pytest.mark.requirement("S12")
-@pytest.mark.parametrize("lockstep", [pytest.param(False, marks=pytest.mark.full), True])
+@pytest.mark.parametrize("lockstep", [pytest.param(False, marks=IN_REAL_TIME), True])
 def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     first = weld.restore()
@@ -47,7 +48,7 @@ def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
 @pytest.mark.requirement("S6")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize(("active", "other"), [("decentral", "nmpc"), ("nmpc", "decentral")])
-@pytest.mark.parametrize("lockstep", [pytest.param(False, marks=pytest.mark.full), True])
+@pytest.mark.parametrize("lockstep", [pytest.param(False, marks=IN_REAL_TIME), True])
 def test_the_active_controller_is_killed_or_stopped(launch, table, active, other, number, lockstep):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     weld.restore()

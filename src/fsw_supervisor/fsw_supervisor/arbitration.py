@@ -194,7 +194,7 @@ class Arbitration:
             if name == machine.active or name not in tick.ready or self.registry.blind(name):
                 continue
             candidate = tick.candidates.get(name)
-            if candidate is None and self.lockstep and final and not (tick.extended or tick.stalled):
+            if candidate is None and self.lockstep and final and not (tick.extended or tick.drained or tick.stalled):
                 # The plant waits: a slow fallback is given the time that the active controller had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s

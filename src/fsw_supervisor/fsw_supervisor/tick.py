@@ -86,6 +86,7 @@ class Tick:
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     failure: str = ""  #: why the active controller has failed in this tick
     extended: bool = False  #: lockstep gives a slow fallback more time
+    drained: bool = False  #: this process was stalled, and its queues were given time to drain
     stalled: bool = False  #: this process was stalled, so that no controller counts as failed
     answered: bool = False  #: a command was sent, here or by the leader
     outcome: Outcome | None = None  #: None until it is settled

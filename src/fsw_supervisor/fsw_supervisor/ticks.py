@@ -65,14 +65,20 @@ class Ticks:
                     tick.samples.setdefault(name, sample)
 
     def pass_time(self, now_s: float) -> None:
-        """Note the time, and whether this process was itself stalled: then the queues get time to drain."""
+        """Note the time, and whether this process was itself stalled: then the queues get time to drain.
+
+        In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so that whoever has not
+        answered by then has failed, stall or not.
+        """
         self.now_s = now_s
-        tick, tolerance_s = self.present, self._machine.settings.stall_tolerance_s
-        if tick is None or tick.settled or tick.stalled:
+        tick, settings = self.present, self._machine.settings
+        if tick is None or tick.settled or tick.stalled or tick.drained:
             return
-        if now_s > tick.deadline_s + tolerance_s:
-            tick.stalled = True
-            tick.deadline_s = now_s + tolerance_s / 2.0
+        if now_s > tick.deadline_s + settings.stall_tolerance_s:
+            tick.drained = True
+            tick.stalled = not (self._lockstep and self.leading)
+            drain_s = settings.stall_tolerance_s if tick.stalled else settings.lockstep_deadline_s
+            tick.deadline_s = now_s + drain_s / 2.0
             self.stalls += 1
             self._machine.log(Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s")
 

@@ -73,6 +73,22 @@ def test_a_dead_fallback_ends_in_hold_all_the_same():
     assert [d.source for d in arbiter.on_time(13.0)] == ["hold"]
 
 
+def test_a_supervisor_that_was_stalled_itself_replaces_a_dead_controller_all_the_same():
+    arbiter = silent_after_some_ticks()
+    assert propose(arbiter, "nmpc", 8 * STEP_NS, 10.0) == []
+    assert arbiter.on_time(11.6) == []  # a tenth of a second after the guard
+    assert [d.source for d in arbiter.on_time(arbiter.wakeup_s)] == ["nmpc"]
+    assert arbiter.ticks.stalls == 1
+
+
+def test_an_answer_that_a_stalled_supervisor_has_not_read_yet_is_read_first():
+    arbiter = silent_after_some_ticks()
+    assert propose(arbiter, "nmpc", 8 * STEP_NS, 10.0) == []
+    assert arbiter.on_time(60.0) == []
+    assert [d.source for d in propose(arbiter, "decentral", 8 * STEP_NS, 60.7)] == ["decentral"]
+    assert arbiter.registry.why_not_ready("decentral") == ""
+
+
 def test_shadows_that_keep_up_are_waited_for_and_dead_ones_once():
     arbiter = started()
     begin(arbiter, 2 * STEP_NS, 10.1)
