@@ -60,7 +60,10 @@ export class Alarms {
   #buttons(alarm, open) {
     const { id, text, priority, state } = alarm;
     const { lack } = this.commands;
-    const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) => el("button", { type: "button", "aria-label": `${name}: ${text}`, "data-alarm": `${name} ${id}`, disabled: Boolean(lack), title: lack, onclick }, name);
+    const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) => {
+      const labels = { "aria-label": `${name}: ${text}`, "data-alarm": `${name} ${id}` };
+      return el("button", { type: "button", ...labels, disabled: Boolean(lack), title: lack, onclick }, name);
+    };
     if (state === "shelved") return [button("Back", () => this.commands.ask("Take an alarm back", "unshelve", { alarm: id }))];
     const shelve = priority === "high" || !open ? [] : [button("Shelve", () => this.#shelve(alarm))];
     return needsAcknowledging(alarm) ? [button("Ack", () => this.commands.acknowledge([id])), ...shelve] : shelve;

@@ -1,8 +1,7 @@
 // The last hour of ticks, by column.
 import { known } from "./format.js";
 
-/** so many rows at least */
-const KEPT = 3600 * 10;
+const KEPT = 3600 * 10; // rows at least
 
 export class Store {
   /** @param {string[]} names columns of a row, the time first */
@@ -18,8 +17,7 @@ export class Store {
 
   /** Add the newest row. */
   append(/** @type {Row} */ row) {
-    const time = row[0] ?? NaN;
-    if (time === this.newest) return;
+    if (row[0] === this.newest) return;
     this.columns.forEach((column, i) => column.push(row[i] ?? null));
     const surplus = this.columns[0].length - KEPT;
     if (surplus > KEPT / 10) this.columns.forEach((column) => column.splice(0, surplus)); // seldom: it moves all

@@ -17,7 +17,6 @@ export class WeldMap {
 
   /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {Limits} limits @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
   constructor(root, names, limits, onMoment, told = span) {
-    this.root = root;
     this.limits = limits;
     this.onMoment = onMoment;
     this.told = told;
@@ -95,7 +94,8 @@ export class WeldMap {
     const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
     const sign = el("span", {}, SIGN[LEVELS[rank]], group.length > 1 ? String(group.length) : "");
-    return at(el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].worst.timeS) }, sign), deg / WAY_DEG);
+    const onclick = () => this.onMoment(group[next++ % group.length].worst.timeS);
+    return at(el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick }, sign), deg / WAY_DEG);
   }
 
   destroy() {
