@@ -27,7 +27,10 @@ def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, 
     """
     found: dict[str, list[tuple[Path, str]]] = {}
     for path in test_files() if paths is None else paths:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        text = path.read_text(encoding="utf-8")
+        if not full and re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE):
+            continue
+        for node in ast.walk(ast.parse(text, str(path))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 if not full and "pytest.mark.full" in map(ast.unparse, node.decorator_list):
                     continue
