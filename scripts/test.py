@@ -7,8 +7,8 @@ Without arguments all tests run that need no minutes of computing, several at a 
 the others. ``--full`` runs these, too: sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out
 all tests marked as slow. ``--lint`` also runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the
 documentation. ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of its own
-with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with ``--fast`` in a minute. Where pytest gets arguments (paths, -k, -m), the tests that these choose
-run one after another.
+with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with ``--fast`` in a minute. Where
+pytest gets arguments (paths, -k, -m), the tests that these choose run one after another.
 """
 
 import os
