@@ -60,7 +60,7 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
             axis.set(title=name, xlabel="IAE depth [mm s]", ylabel="IAE temperature [°C s]")
         handles, labels = canvas.axes[0].get_legend_handles_labels()
         canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
-        canvas.legend(handles, labels, loc="lower center", ncols=5, frameon=False)
+        canvas.legend(handles, labels, loc="lower center", ncols=6, frameon=False)
         canvas.savefig(path)
 
 

@@ -81,7 +81,7 @@ def totals(nominal: Mapping[str, Any]) -> Rows:
 
 
 def _judged(runs: Mapping[str, Any]) -> list[str]:
-    return [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS) for key in JUDGED]
+    return [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS if label in runs) for key in JUDGED]
 
 
 def sweep_rows(data: Mapping[str, Any]) -> Rows:
@@ -132,9 +132,9 @@ def quantiles(values: Sequence[float]) -> dict[str, float]:
     }
 
 
-def random_rows(data: Mapping[str, Sequence[float]]) -> Rows:
-    """Distribution of the ratio to the better PI tuning."""
-    rows = [["default NMPC over the better PI", "median", "95 %", "largest", "plants at or below 1"]]
+def random_rows(data: Mapping[str, Sequence[float]], rival: str = "the better PI") -> Rows:
+    """Distribution of the ratio to a rival."""
+    rows = [[f"default NMPC over {rival}", "median", "95 %", "largest", "plants at or below 1"]]
     for key, values in data.items():
         q = quantiles(values)
         cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]

@@ -17,13 +17,13 @@ from fsw_control.contract import Command
 from fsw_model import STEP_S
 from fsw_model import nominal as model_nominal
 from fsw_scenario import standard_runs
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, TIGHT
+from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed, loop_of
 
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
-CONTROLLERS = (*DECENTRALIZED, "nmpc:paper", DEFAULT)
+CONTROLLERS = (*DECENTRALIZED, SMITH, "nmpc:paper", DEFAULT)
 #: Those compared on other processes than the nominal one.
-FINALISTS = (*DECENTRALIZED, DEFAULT)
+FINALISTS = (*DECENTRALIZED, SMITH, DEFAULT)
 #: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
 KPIS = {
     key: f"{meaning} [{unit}]".replace("deg", "°").replace("^2", "²").replace("[um]", "[µm]")
@@ -75,16 +75,16 @@ def sweep(processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
 
 
 def random_plants(count: int) -> dict[str, Any]:
-    """The sweep on random processes: ratios to the better PI, and on how many an output oscillates for good."""
+    """The sweep on random processes: ratios to the better PI and to smith, and on how many an output oscillates."""
     data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count))})
     swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
-    return {"plants": count, "ratios": ratios(data), "swings": swings}
+    return {"plants": count, "ratios": ratios(data), "smith": ratios(data, (SMITH,)), "swings": swings}
 
 
-def ratios(data: Mapping[str, Mapping[str, Figures]]) -> dict[str, list[float]]:
-    """Per judged figure: the default NMPC's over the better PI tuning's, for every process that could be run."""
+def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str] = DECENTRALIZED) -> dict[str, list[float]]:
+    """Per judged figure: the default NMPC's over the best rival's, for every process that could be run."""
     ran = [runs for runs in data.values() if not failed(runs)]
-    return {key: [runs[DEFAULT][key] / min(runs[pi][key] for pi in DECENTRALIZED) for runs in ran] for key in JUDGED}
+    return {key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran] for key in JUDGED}
 
 
 class _LateForce:

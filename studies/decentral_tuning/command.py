@@ -72,7 +72,7 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
             f"moves by noise {found['noise_move_kn']:.3f} kN, {found['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in dict(gains).items()]
+        lines += [f"  {key}: {value!r}" for key, value in gains.model_dump(exclude_defaults=True).items()]
     return "\n".join(lines) + "\n"
 
 
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "robustness and errors. Without --write the shipped tunings stay as they are.",
     )
     parser.add_argument("--check", action="store_true", help="assess the shipped gains, do not search")
-    parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the other is as shipped")
+    parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the others are as shipped")
     parser.add_argument("--model", type=Path, metavar="FILE", help="YAML with model parameters other than the paper's")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")

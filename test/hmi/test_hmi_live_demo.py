@@ -1,40 +1,18 @@
 """``demo.py --live``: a weld in real time and the page beside it."""
 
-import os
 import signal
-from pathlib import Path
 
 import pytest
 
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.page_client import Page
+from fsw_test_support.processes import kill, processes
 from fsw_test_support.waiting import wait_for_text, wait_until
 
 SHORT = "{name: short, duration_s: 4.0, controller: decentral, events: []}"
 LONG = "{name: long, duration_s: 600.0, controller: decentral, events: []}"
 PROGRAMME = "{name: long, phases: [{name: dwell, duration_s: 600.0}]}"
-
-
-def processes(folder, *words):
-    """Processes whose parameters or logs are in a folder, with these words in their command line."""
-    found = []
-    for one in Path("/proc").glob("[0-9]*"):
-        try:
-            line = (one / "cmdline").read_bytes().decode(errors="replace")
-        except OSError:
-            continue
-        if all(word in line for word in (str(folder), *words)):
-            found.append(int(one.name))
-    return found
-
-
-def kill(folder, *modules):
-    """Kill all processes of these modules at once; returns how many."""
-    found = [one for module in modules for one in processes(folder, module)]
-    for one in found:
-        os.kill(one, signal.SIGKILL)
-    return len(found)
 
 
 @pytest.fixture

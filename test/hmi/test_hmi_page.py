@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import TOKEN, FakeHmi, sample_alarms
 from fsw_test_support.page_boxes import faults
-from fsw_test_support.page_steps import in_control, log_in, press, ready, settled, until
+from fsw_test_support.page_steps import band_pixels, in_control, log_in, press, ready, settled, until
 
 
 def test_live_values_and_progress_are_on_the_screen(fake, open_page):
@@ -54,12 +54,7 @@ def test_set_point_out_of_reach_is_marked_with_what_is_attainable(fake, open_pag
 def test_prediction_has_a_band(fake, open_page):
     page = ready(open_page(fake.url))
     expect(page.locator(".legend")).to_contain_text("expected, ± 2 σ")
-    translucent = """(() => {
-        const canvas = document.querySelector(".trend.temperature_c canvas");
-        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-        return data.filter((one, i) => i % 4 === 3 && one === 0x66).length > 500;
-    })()"""
-    until(page, translucent)
+    until(page, f"{band_pixels('temperature_c')} > 500")
     shot(page, "prediction_band")
 
 

@@ -97,26 +97,35 @@ def test_nothing_moves_when_a_state_changes(fake, open_page, size):
     assert settled(page, moved) == {}
 
 
-CUT_LINES = """[...document.querySelectorAll("#controllers .scroll :is(th, td, li)")].flatMap((one) => {
-    const list = one.closest(".scroll").getBoundingClientRect();
-    const text = document.createRange();
-    text.selectNodeContents(one);
-    const isCut = ({ top, bottom }, edge) => top < edge - 1 && bottom > edge + 1;
-    const cut = [...text.getClientRects()].filter((line) => isCut(line, list.top) || isCut(line, list.bottom));
-    return cut.map((line) => `${one.textContent}: ${line.top} to ${line.bottom}, list ${list.top} to ${list.bottom}`);
-})"""
+CUT_LINES = """(() => {
+    const texts = (node) => [...node.childNodes].flatMap((one) => one.nodeType === Node.TEXT_NODE ? [one] : texts(one));
+    const lines = (text) => {
+        const range = document.createRange();
+        range.selectNodeContents(text);
+        return [...range.getClientRects()];
+    };
+    return [...document.querySelectorAll(":is(#controllers, #actions) .scroll")].flatMap((list) => {
+        const box = list.getBoundingClientRect();
+        const isCut = ({ top, bottom }) => [box.top, box.bottom].some((edge) => top < edge - 1 && bottom > edge + 1);
+        const cut = texts(list).filter((text) => lines(text).some(isCut));
+        return cut.map((text) => `${text.data}, list ${box.top} to ${box.bottom}`);
+    });
+})()"""
 
 
 @pytest.mark.parametrize("size", by_default(PHONE, PANEL), ids="{0[0]}x{0[1]}".format)
-def test_no_line_of_the_controllers_is_half_in_view(fake, open_page, size):
+def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page, size):
     page = ready(open_page(fake.url, *size))
     lists = page.locator("#controllers .scroll")
     assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
+    done = {"who": "Anna (1)", "action": "take control", "outcome": "done", "message": ""}
     for count in range(1, 6):  # with one or two lines each
+        fake.actions.append(done | {"server_s": time.time(), "message": count % 2 * "what nobody can say briefly " * 3})
         texts = ["disk full" + i % 2 * " of what others record" for i in range(count)]
         fake.state["parts"] = [{"name": f"part{i}: file", "level": "error", "text": one} for i, one in enumerate(texts)]
         fake.push()
         expect(page.locator("#controllers li")).to_have_count(count)
+        expect(page.locator("#actions li")).to_have_count(count)
         assert settled(page, lambda: page.evaluate(CUT_LINES)) == []
         assert count < 5 or size[0] < 700 or lists.evaluate("(one) => one.scrollHeight > one.clientHeight")
     lists.evaluate("(one) => one.scrollBy(0, 1e6)")

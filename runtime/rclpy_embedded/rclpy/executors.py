@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import os
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -49,15 +52,20 @@ class ConditionReachedException(Exception):  # noqa: N818
     """The future is done."""
 
 
-async def _run(entity: Any, executor: Executor) -> None:
-    group = entity.callback_group
-    if not group.beginning_execution(entity):
-        return
+def _take(entity: Any) -> Callable[[], Any] | None:
     try:
-        try:
-            callback = entity._take()
-        except (InvalidHandle, RCLError):  # destroyed in the meantime
-            return
+        return entity._take()  # type: ignore[no-any-return]
+    except (InvalidHandle, RCLError):  # destroyed in the meantime
+        return None
+
+
+async def _run(entity: Any, executor: Executor) -> None:
+    if entity.callback_group.beginning_execution(entity):
+        await _call(_take(entity), entity, executor)
+
+
+async def _call(callback: Callable[[], Any] | None, entity: Any, executor: Executor) -> None:
+    try:
         for future in getattr(entity, "_futures", ()):
             future._set_executor(executor)
         if callback is not None:
@@ -65,7 +73,7 @@ async def _run(entity: Any, executor: Executor) -> None:
             if inspect.iscoroutine(result):
                 await result
     finally:
-        group.ending_execution(entity)
+        entity.callback_group.ending_execution(entity)
         if executor._blocked:
             executor._entities_changed = True
 
@@ -251,8 +259,13 @@ class Executor:
         while self._ready:
             entity, node = self._ready.popleft()
             if node in self._nodes and (nodes is None or node in nodes) and self.can_execute(entity):
-                return Task(_run(entity, self), executor=self), entity, node
+                made = self._task_of(entity)
+                if made is not None:
+                    return made, entity, node
         return None
+
+    def _task_of(self, entity: Any) -> Task | None:
+        return Task(_run(entity, self), executor=self)
 
     def _rebuild(self) -> None:
         """Collect the entities again, without those whose callback group does not let them start."""
@@ -283,7 +296,11 @@ class Executor:
             wait_ns = timer._wait_ns()
             if wait_ns is not None and wait_ns < timeout_ns:
                 timeout_ns = wait_ns
-        if self._tasks and timeout_ns > _POLL_NS and any(task._resumable for task in self._tasks):
+        if (
+            self._tasks
+            and timeout_ns > _POLL_NS
+            and any(task._resumable and not task.executing() for task in self._tasks)
+        ):
             timeout_ns = _POLL_NS
         if any(guard._triggered for guard, _ in self._guards):
             timeout_ns = 0
@@ -321,10 +338,98 @@ class SingleThreadedExecutor(Executor):
     """Runs callbacks in the thread that spins."""
 
 
-def __getattr__(name: str) -> Any:
-    if name == "MultiThreadedExecutor":
-        raise ImportError(
-            "rclpy_embedded has no MultiThreadedExecutor: callbacks run in the thread that spins. Use "
-            "SingleThreadedExecutor, or genuine ROS 2 (https://docs.ros.org/en/jazzy) for callbacks in parallel."
-        )
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+class MultiThreadedExecutor(Executor):
+    """Waits in the thread that spins and runs callbacks in a pool of threads.
+
+    Callbacks of a `ReentrantCallbackGroup`, and those of different groups, overlap. An exception of a callback comes
+    out of the thread that spins.
+
+    Parameters
+    ----------
+    num_threads : int, optional
+        How many callbacks may run at a time; as many as the process has processors by default.
+    context : Context, optional
+    """
+
+    def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        if num_threads == 1:
+            warnings.warn(
+                "MultiThreadedExecutor is used with a single thread. Use the SingleThreadedExecutor instead.",
+                stacklevel=2,
+            )
+        self._executor = ThreadPoolExecutor(num_threads or len(os.sched_getaffinity(0)), "rclpy")
+        # The tasks in the pool, each with its thread as soon as it runs.
+        self._at_work: dict[Task, int] = {}
+        self._finished = threading.Condition()
+        self._failed: deque[Task] = deque()
+
+    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
+        """Shut down; return whether all running callbacks finished in time.
+
+        Without `wait_for_threads` the threads may end later. A callback that calls this does not wait for itself.
+        """
+        self._is_shutdown = True
+        self.wake()
+        timeout = None if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        own = threading.get_ident()
+        with self._finished:
+            if not self._finished.wait_for(lambda: not set(self._at_work.values()) - {own}, timeout):
+                return False
+        inside = own in self._at_work.values()
+        self._executor.shutdown(wait=wait_for_threads and not inside)
+        return super().shutdown(timeout_sec)
+
+    def _spin_once(self, timeout_sec: float | None, condition: Callable[[], bool]) -> None:
+        with self._working:
+            try:
+                task, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, lambda: condition() or bool(self._failed))
+                self._submit(task)
+            except (ShutdownException, TimeoutException, ConditionReachedException):
+                pass
+            if self._failed:
+                raise self._failed.popleft().exception()  # type: ignore[misc]
+
+    def _task_of(self, entity: Any) -> Task | None:
+        # Taken here, in the thread that waits: otherwise the same message would wake it again before a thread takes it.
+        if not entity.callback_group.beginning_execution(entity):
+            return None
+        callback = _take(entity)
+        if callback is None:
+            entity.callback_group.ending_execution(entity)
+            return None
+        if not self.can_execute(entity):  # nor any other of its group: do not wait for those
+            self._entities_changed = True
+        return Task(_call(callback, entity, self), executor=self)
+
+    def _submit(self, task: Task) -> None:
+        task._resumable = False  # not twice
+        with self._finished:
+            self._at_work[task] = 0
+        try:
+            self._executor.submit(self._work, task)
+        except RuntimeError:  # shut down in the meantime
+            self._end(task)
+
+    def _work(self, task: Task) -> None:
+        with self._finished:
+            self._at_work[task] = threading.get_ident()
+        task._resumable = True
+        try:
+            task()
+        except BaseException as error:  # SystemExit, too, belongs to the thread that spins
+            task.set_exception(error)
+        if not task.done():
+            with self._lock:
+                if task not in self._tasks:
+                    self._tasks.append(task)
+        elif task._exception is not None:
+            self._failed.append(task)
+        self._end(task)
+
+    def _end(self, task: Task) -> None:
+        with self._finished:
+            del self._at_work[task]
+            self._finished.notify_all()
+        self._entities_changed = True  # its group may be open again
+        self.wake()

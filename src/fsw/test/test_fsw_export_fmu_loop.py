@@ -49,6 +49,7 @@ CASES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ),
     ("decentral", {}, {}, ""),
     ("decentral", {"tuning": "tight"}, {"depth_gain": 80.0, "speed_max": 480.0}, ""),
+    ("decentral", {"tuning": "smith"}, {"predictor_dead_time": 2.5, "decoupling_torque": 10.0}, ""),
 ]
 
 

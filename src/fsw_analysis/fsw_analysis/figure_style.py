@@ -15,7 +15,7 @@ STYLE = {
     "lines.linewidth": 1.4,
     "axes.axisbelow": True,
 }
-#: Of our controllers, in every figure: blue NMPC, red and orange decentralized.
+#: Of our controllers, in every figure: blue NMPC, red, orange and violet decentralized.
 CONTROLLER_COLOURS = {
     "nmpc": "#0b62a4",
     "nmpc:default": "#0b62a4",
@@ -23,6 +23,7 @@ CONTROLLER_COLOURS = {
     "decentral": "#d1495b",
     "decentral:conservative": "#d1495b",
     "decentral:tight": "#e8a33d",
+    "decentral:smith": "#7a4a9e",
 }
 #: Of everything else.
 COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")

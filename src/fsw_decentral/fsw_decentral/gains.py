@@ -8,7 +8,7 @@ from importlib import resources
 from typing import Any
 
 import yaml
-from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from fsw_schema.models import Model
 
@@ -41,6 +41,13 @@ class Gains(Model):
     power_filter: NonNegativeFloat
     power_tracking_time: PositiveFloat
     feedforward_filter: NonNegativeFloat
+    #: of the decoupling and of the Smith predictor; 0: none
+    decoupling_torque: NonNegativeFloat = 0.0
+    decoupling_lag: NonNegativeFloat = 0.0
+    predictor_gain: NonNegativeFloat = 0.0
+    predictor_copper_lag: NonNegativeFloat = 0.0
+    predictor_tool_lag: NonNegativeFloat = 0.0
+    predictor_dead_time: float = Field(0.0, ge=0.0, le=10.0)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Gains:

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
+from fsw_control.parameters import load
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
@@ -63,14 +64,14 @@ def test_is_a_controller():
     assert controller.name == "decentral"
 
 
-@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize("tuning", tunings())
 def test_stays_at_the_operating_point(tuning):
     rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: REFERENCE, 60)
     assert abs(rows[-1][1] - DEPTH_MM) < 1e-6
     assert abs(rows[-1][2] - TEMPERATURE_C) < 1e-3
 
 
-@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize("tuning", tunings())
 @pytest.mark.parametrize(("depth_mm", "temperature_c"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 10.0), (0.0, -10.0)])
 def test_steps_settle_without_offset_and_within_limits(tuning, depth_mm, temperature_c):
     goal = Reference(DEPTH_MM + depth_mm, TEMPERATURE_C + temperature_c)
@@ -98,7 +99,7 @@ def test_tight_is_faster_than_conservative():
 
 
 @pytest.mark.requirement("S12")
-@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize("tuning", tunings())
 def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
     """Another one holds shifted inputs; the first own moves are small, and it leads back to the reference."""
     other = Command(78.6, 409.0)
@@ -117,7 +118,7 @@ def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
     assert abs(rows[-1][2] - TEMPERATURE_C) < 0.2
 
 
-@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize("tuning", tunings())
 def test_saturation_does_not_wind_up(tuning):
     """A step far beyond what the force can do at once overshoots hardly more, as a share, than one that it can do."""
     shares = []
@@ -130,7 +131,7 @@ def test_saturation_does_not_wind_up(tuning):
     assert shares[1] < shares[0] + 0.05
 
 
-@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize("tuning", tunings())
 def test_a_speed_at_its_bound_does_not_wind_up(tuning):
     """A temperature out of reach for a minute; the speed leaves the bound as soon as the set-point is back."""
     hot = Reference(DEPTH_MM, TEMPERATURE_C + 20.0)
@@ -227,6 +228,10 @@ def test_unusable_parameters_are_told_and_change_nothing():
     assert controller.gains == gains
 
 
+def test_the_parameter_offers_the_documented_tunings():
+    assert list(load(*DecentralController.parameters)["tuning"].options) == list(tunings())
+
+
 def test_gains_refuse_nonsense():
     good = tunings()["tight"]
     with pytest.raises(ValueError, match="depth_gain"):
@@ -308,8 +313,9 @@ bounds = st.floats(-1e3, 1e3)
 values = st.fixed_dictionaries(
     {},
     optional={
-        "tuning": st.sampled_from(["conservative", "tight"]),
+        "tuning": st.sampled_from(list(tunings())),
         **{name: st.floats(0.0, 1e3) for name in Gains.model_fields},
+        "predictor_dead_time": st.floats(0.0, 10.0),
         **{f"{name}_{end}": bounds for name in ("force", "speed") for end in ("min", "max")},
         **{f"{name}_step": st.floats(0.0, 100.0) for name in ("force", "speed")},
         "blind_limit": any_float,
@@ -370,9 +376,10 @@ def test_an_absurd_applied_command_is_told_and_leaves_nothing_behind(force_kn):
 
 @pytest.mark.parametrize("sensor", ["depth", "torque", "temperature"])
 @pytest.mark.parametrize("value", [1e12, -1e12, 1e300])
-def test_an_absurd_sample_does_not_pull_for_ever(sensor, value):
+@pytest.mark.parametrize("tuning", ["conservative", "smith"])
+def test_an_absurd_sample_does_not_pull_for_ever(tuning, sensor, value):
     """One sample beyond all range must not leave an integrator that takes minutes to come back."""
-    controller = DecentralController()
+    controller = DecentralController({"tuning": tuning})
     proposed = NOMINAL
     for k in range(200):
         m = measured(k, **({sensor: value} if k == 5 else {}))

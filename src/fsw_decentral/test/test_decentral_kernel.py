@@ -25,6 +25,7 @@ static fsw_decentral_tuning drawn(void) {
     draw(0, 300), sample(1, 10), draw(0, 0.1), draw(0, 1), draw(0, 1), draw(0, 1), sample(0.1, 30),
     draw(0, 1), sample(1, 60), draw(0, 3), draw(0, 1), draw(0, 1), draw(0, 1), draw(0.1, 30),
     draw(0, 3), draw(0.1, 1), sample(0, 1), draw(1, 30), sample(0, 1),
+    draw(0, 30), draw(0, 1), draw(0, 30), draw(0, 60), draw(0, 3), sample(0, 10),
     draw(40, 70), sample(85, 100), draw(250, 350), draw(450, 550), draw(0, 3), draw(0, 9),
     {draw(-500, 500), sample(-2, 2), draw(-0.01, 0.01)}, sample(0, 10), draw(100, 3000), sample(0, 20)};
   return t;

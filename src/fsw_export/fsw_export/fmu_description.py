@@ -29,6 +29,8 @@ UNITS: dict[str, dict[str, float]] = {
     "kN/mm": {"kg": 1, "s": -2, "factor": 1e6},
     "kW/degC": {"kg": 1, "m": 2, "s": -3, "K": -1, "factor": 1e3},
     "rpm/kW": {"kg": -1, "m": -2, "s": 2, "rad": 1, "factor": 1e-3 * RAD_PER_S_PER_RPM},
+    "N m/kN": {"m": 1, "factor": 1e-3},
+    "degC/kW": {"kg": -1, "m": -2, "s": 3, "K": 1, "factor": 1e-3},
     "kg m2": {"kg": 1, "m": 2},
 }
 #: type in C by type

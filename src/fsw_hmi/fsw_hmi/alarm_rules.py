@@ -39,9 +39,13 @@ _WRITERS = ("command topic", "commands")
 _OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 #: parts of a gateway that say whether commands reach the machine
 _GATEWAY = ("connection", "machine", "writes")
+#: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
+_SWAP_S = 12.0
 _LONGEST_ID = 100
 #: in a reason: that a supervisor has led since in another's place, which is not the cause
 _TAKEOVER = re.compile(r"^took over[^(]*\((.*)\)$")
+#: in a reason: the interlock that has tripped, and its value, which the page shows
+_TRIPPED = re.compile(r"^(\w+) is trip: .*$")
 
 
 class _Texts(BaseModel):
@@ -81,6 +85,8 @@ def because(reason: str, name: str = "") -> str:
     while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
         reason = reason.removeprefix(found).lstrip(": ")
     reason = _TAKEOVER.sub(r"\1", reason.removeprefix("safe stop: "))
+    if (tripped := _TRIPPED.match(reason)) and tripped[1] in _TEXTS.interlocks:
+        return _TEXTS.interlocks[tripped[1]][0]
     return reason if reason not in ("", "is inhibited", "is not ready", "safe stop") else "no reason is told"
 
 
@@ -98,37 +104,19 @@ _FINE = Part("ok", "")
 
 @dataclass(slots=True)
 class Situation:
-    """What the rules look at. Ages in s, None before the first.
+    """What the rules look at. Ages in s, None before the first."""
 
-    Attributes
-    ----------
-    state : mapping or None
-        The supervisor's state as the page gets it.
-    state_age_s, tick_age_s, command_age_s : float or None
-    sample_age_s : mapping of str to float
-        Age of the last finite sample by sensor.
-    sensor_reasons : mapping of str to str
-        What the supervisor says of each sensor, ``good`` if nothing is wrong.
-    values : mapping of str to float
-        The newest row by column; NaN where unknown.
-    attainable : Reference or None
-        The set-points that the controller which commands goes for.
-    parts : mapping of str to (mapping of str to Part)
-        By node and part.
-    pages : int
-        Servers of an operator's page in the graph.
-    """
-
-    state: Mapping[str, Any] | None = None
+    state: Mapping[str, Any] | None = None  #: the supervisor's, as the page gets it
     state_age_s: float | None = None
     tick_age_s: float | None = None
     command_age_s: float | None = None
-    sample_age_s: Mapping[str, float] = field(default_factory=dict)
+    sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
+    #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_reasons: Mapping[str, str] = field(default_factory=dict)
-    values: Mapping[str, float] = field(default_factory=dict)
-    attainable: Reference | None = None
-    parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)
-    pages: int = 1
+    values: Mapping[str, float] = field(default_factory=dict)  #: the newest row by column; NaN where unknown
+    attainable: Reference | None = None  #: the set-points that the controller which commands goes for
+    parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
+    pages: int = 1  #: servers of an operator's page in the graph
 
     def value(self, column: str) -> float:
         """A value of the newest row."""
@@ -142,20 +130,16 @@ class AlarmRules:
     ----------
     setting : callable
         Returns a parameter of the node by its name.
-
-    Attributes
-    ----------
-    replaced : Reference or None
-        What stands in for set-points that are out of reach; None while they are not.
     """
 
     def __init__(self, setting: Callable[[str], float]) -> None:
         self._setting = setting
-        self.replaced: Reference | None = None
+        self.replaced: Reference | None = None  #: what stands in for set-points that are out of reach
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._stop: Alarm | None = None
         self._failed = "", ""
+        self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
@@ -263,13 +247,23 @@ class AlarmRules:
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            if self._failed[0] != target:  # why it was left, not what has happened since
-                self._failed = target, because(why, target)
-            found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
-            return str(target)
+            return self._failover(actual, target, why, found)
         if mode != "hold":
             self._failed = "", ""
+        self._nominal = actual if mode == "auto" else ""
         return None
+
+    def _failover(self, actual: str, target: str, why: str, found: dict[str, Alarm]) -> str | None:
+        """Somebody commands in place of whom was selected; one selected just now may need its time."""
+        if actual == self._nominal:
+            why = "it was asked for, and is not ready"
+            found["failover"] = replace(alarm("failover", actual=actual, target=target, why=why), on_s=_SWAP_S)
+            return None
+        self._nominal = ""
+        if self._failed[0] != target:  # why it was left, not what has happened since
+            self._failed = target, because(why, target)
+        found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
+        return target
 
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
         name, why = one["name"], one["reason"]
@@ -331,6 +325,8 @@ class AlarmRules:
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
+            if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
+                found["standby"] = alarm("standby")
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)

@@ -28,27 +28,15 @@ _RESTART_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One cause, one consequence, one action.
-
-    Attributes
-    ----------
-    text, consequence, advice : str
-        What is wrong, what follows from it, what to do.
-    priority : str
-        How soon: ``high``, ``medium`` or ``low``. One of high priority cannot be shelved, and is never left out.
-    trip : bool
-        Whether it stops the weld, so that what came first before it is marked.
-    on_s, off_s : float
-        How long the cause must last, and be gone, before that counts.
-    """
+    """One cause, one consequence, one action."""
 
     text: str
     consequence: str
     advice: str
-    priority: Priority
-    trip: bool = False
-    on_s: float = 0.0
-    off_s: float = 1.0
+    priority: Priority  #: one of high priority cannot be shelved, and is never left out
+    trip: bool = False  #: it stops the weld, so that what came first before it is marked
+    on_s: float = 0.0  #: how long the cause must last before that counts
+    off_s: float = 1.0  #: and how long be gone
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,18 +94,12 @@ class AlarmList:
     ----------
     flood : callable
         The alarm that stands for so many that come at once.
-
-    Attributes
-    ----------
-    entries : dict of str to Entry
-    events : list of Event
-        What has happened since the caller last emptied it.
     """
 
     def __init__(self, flood: Callable[[int], Alarm]) -> None:
         self._flood = flood
         self.entries: dict[str, Entry] = {}
-        self.events: list[Event] = []
+        self.events: list[Event] = []  #: what has happened since the caller last emptied it
         self._coming_s: dict[str, float] = {}
         self._raised_s: dict[str, deque[float]] = {}
         self._low_s: deque[float] = deque(maxlen=_FLOOD)

@@ -28,23 +28,13 @@ _SIMULATED_S = 1e8
 
 @dataclass(frozen=True, slots=True)
 class BagView:
-    """A recorded weld as the page gets it, ready for JSON.
+    """A recorded weld as the page gets it, ready for JSON."""
 
-    Attributes
-    ----------
-    summary : dict
-        Name, duration, phases, events, figures of merit and problems.
-    columns : tuple of str
-        Those of the live page, and ``mode`` and ``controller`` in words.
-    rows : list of list
-        A row per tick, None where something is not known; the time is the scenario's, its first tick at 0.1 s.
-    limits : dict
-        As on the live page, with the interlocks that the supervisor was recorded with.
-    """
-
-    summary: dict[str, Any]
-    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller")
+    summary: dict[str, Any]  #: name, duration, phases, events, figures of merit and problems
+    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller")  #: the last two in words
+    #: one per tick, None where something is not known; the time is the scenario's, its first tick at 0.1 s
     rows: list[list[Any]] = field(default_factory=list)
+    #: as on the live page, with the interlocks that the supervisor was recorded with
     limits: dict[str, Any] = field(default_factory=dict)
 
 

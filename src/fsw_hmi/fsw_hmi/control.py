@@ -33,41 +33,19 @@ class Bucket:
 
 @dataclass(slots=True, eq=False)
 class Session:
-    """One open page.
-
-    Attributes
-    ----------
-    client : str
-        That limits count.
-    local_stop : bool
-        Whether it may stop without login.
-    name, role : str
-        Of the person; empty before the login.
-    idle : bool
-        Whether nobody has touched the page for so long that only a safe stop is left.
-    checking : bool
-        Whether its password is being checked.
-    active_s : float
-        When somebody who has logged in has last asked for something.
-    touched_s : float or None
-        When anybody has; None: never.
-    note : str
-        What happened to its control, for its page.
-    known : dict
-        What its page has been told of control.
-    """
+    """One open page."""
 
     id: str
-    client: str = ""
-    local_stop: bool = False
-    name: str = ""
+    client: str = ""  #: that limits count
+    local_stop: bool = False  #: whether it may stop without login
+    name: str = ""  #: of the person; empty before the login
     role: str = ""
-    idle: bool = False
-    checking: bool = False
-    active_s: float = 0.0
-    touched_s: float | None = None
-    note: str = ""
-    known: dict[str, Any] = field(default_factory=dict)
+    idle: bool = False  #: nobody has touched the page for so long that only a safe stop is left
+    checking: bool = False  #: its password is being checked
+    active_s: float = 0.0  #: when somebody who has logged in has last asked for something
+    touched_s: float | None = None  #: when anybody has; None: never
+    note: str = ""  #: what happened to its control, for its page
+    known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
     requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
 

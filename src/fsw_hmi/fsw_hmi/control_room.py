@@ -34,29 +34,15 @@ _CONTROL = {
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is to be done about a message of a page.
+    """What is to be done about a message of a page."""
 
-    Attributes
-    ----------
-    id : int or None
-        Of the request; without one nothing is answered.
-    outcome, message : str
-        The answer; the outcome is empty when ``action`` is to be carried out or ``credentials`` to be checked first.
-    action : Action or None
-    asked : str
-        What was asked for in words, when it has to be recorded; empty when not.
-    close : bool
-        Whether the page is to be shut out.
-    credentials : tuple of str or None
-        Name and password to be checked; then :meth:`ControlRoom.on_checked` judges.
-    """
-
-    id: int | None = None
-    outcome: str = ""
+    id: int | None = None  #: of the request; without one nothing is answered
+    outcome: str = ""  #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
     message: str = ""
     action: Action | None = None
-    asked: str = ""
-    close: bool = False
+    asked: str = ""  #: what was asked for in words, when it has to be recorded; empty when not
+    close: bool = False  #: whether the page is to be shut out
+    #: name and password to be checked; then :meth:`ControlRoom.on_checked` judges
     credentials: tuple[str, str] | None = None
 
 
@@ -71,27 +57,14 @@ class _Request(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action on its way to the graph; or without one what is to be recorded, as it never gets there.
+    """An action on its way to the graph; or without one what is to be recorded, as it never gets there."""
 
-    Attributes
-    ----------
-    who : str
-        Name and session.
-    asked : str
-        The action in words.
-    outcome, message : str
-        For the record.
-    action : Action or None
-    number : int
-        By which the outcome of an action is reported.
-    """
-
-    who: str
-    asked: str
-    outcome: str = ""
+    who: str  #: name and session
+    asked: str  #: the action in words
+    outcome: str = ""  #: for the record, as the message
     message: str = ""
     action: Action | None = None
-    number: int = 0
+    number: int = 0  #: by which the outcome of an action is reported
 
 
 class ControlRoom:

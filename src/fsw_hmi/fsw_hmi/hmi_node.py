@@ -183,7 +183,6 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
 
     def _say_hello(self) -> None:
         hello = {
-            "commands": True,
             "emulator": self._emulator,
             "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
             "reference": reference(self._interlocks),

@@ -50,23 +50,19 @@ class Page:
 
     Of ticks a slow page gets the newest, of every other kind of frame the latest; it loses no answer.
 
-    Attributes
+    Parameters
     ----------
     session : Session
     peer : tuple or None
         Address and port of its browser.
     number : int
         In the order of opening.
-    evicted : bool
-        Whether it is given up to make room.
-    given_up : asyncio.Event
-        Set when nothing more is to be sent.
     """
 
     def __init__(self, session: Session, peer: Any, number: int) -> None:
         self.session, self.peer, self.number = session, peer, number
-        self.evicted = False
-        self.given_up = asyncio.Event()
+        self.evicted = False  #: to make room
+        self.given_up = asyncio.Event()  #: nothing more is to be sent
         self._wake = asyncio.Event()
         self._urgent: deque[str] = deque()
         self._latest: dict[str, str] = {}

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, TextIO
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
@@ -35,6 +34,10 @@ class Kept:
 
 
 _KEPT: TypeAdapter[Kept] = TypeAdapter(Kept)
+_Value = Annotated[float, Field(allow_inf_nan=False)] | None
+_ROW: TypeAdapter[list[_Value]] = TypeAdapter(
+    Annotated[list[_Value], Field(min_length=len(COLUMNS), max_length=len(COLUMNS))]
+)
 
 
 class Keeper:
@@ -119,8 +122,7 @@ class Keeper:
 
 def _is_row(line: str) -> bool:
     try:
-        row: Any = json.loads(line)
-    except (ValueError, RecursionError):
+        row = _ROW.validate_json(line, strict=True)
+    except ValidationError:
         return False
-    is_list = isinstance(row, list) and len(row) == len(COLUMNS) and isinstance(row[0], float)
-    return is_list and all(one is None or type(one) in (int, float) for one in row)
+    return row[0] is not None

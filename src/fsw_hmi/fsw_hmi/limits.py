@@ -136,7 +136,7 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _range(allowed: Range) -> dict[str, Any]:
-    return {"unit": readable(allowed.unit), "min": allowed.low, "max": allowed.high}
+    return {"unit": readable(allowed.unit).replace("N m", "N·m"), "min": allowed.low, "max": allowed.high}
 
 
 #: what set-points may be asked for

@@ -41,7 +41,6 @@ interface Hello {
   session: string;
   server_s: number;
   login: "token" | "password";
-  commands: boolean;
   emulator: boolean;
   columns: string[];
   limits: Limits;

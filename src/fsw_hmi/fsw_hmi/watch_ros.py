@@ -52,23 +52,6 @@ class Watch:
         Gets a controller's prediction as the content of its frame.
     on_state : callable
         Called when the supervisor has reported.
-
-    Attributes
-    ----------
-    references : ReferenceQueue
-    view : WeldView
-    state, progress : dict or None
-        As the page gets them.
-    state_s, progress_s : float
-        When they came, on a steady clock.
-    leader : str
-        Signature of the leading supervisor.
-    sensor_reasons : dict of str to str
-        What the supervisor says of each sensor.
-    attainable : Reference or None
-        The set-points that the controller which commands goes for, where it tells them.
-    values : dict of str to float
-        The newest row by column; empty before the first.
     """
 
     def __init__(
@@ -81,14 +64,14 @@ class Watch:
         self._node, self._on_rows, self._on_prediction, self._show_state = node, on_rows, on_prediction, on_state
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
-        self.state: dict[str, Any] | None = None
+        self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
         self.progress: dict[str, Any] | None = None
-        self.state_s = self.progress_s = float("-inf")
-        self.leader = ""
-        self.sensor_reasons: dict[str, str] = {}
-        self.attainable: Reference | None = None
+        self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
+        self.leader = ""  #: signature of the leading supervisor
+        self.sensor_reasons: dict[str, str] = {}  #: what the supervisor says of each sensor
+        self.attainable: Reference | None = None  #: set-points that the controller which commands goes for, if it tells
         self._goes_for = ""  # the controller that told it
-        self.values: dict[str, float] = {}
+        self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}

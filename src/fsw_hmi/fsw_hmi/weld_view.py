@@ -32,26 +32,13 @@ class WeldView:
     ----------
     reference_at : callable
         The set-points in force at a tick, None before the first.
-
-    Attributes
-    ----------
-    newest_ns : int or None
-        Stamp of the newest tick.
-    tick_s : float or None
-        When it came, on a steady clock.
-    command_s : float or None
-        When the last command came, on the same clock; None before the first of a weld.
-    good_s : dict of str to float
-        When the last finite sample of each sensor came.
-    solve_ms, angle_deg : float
-        As last reported by the selected controller and by the programme; whoever hears them sets them.
     """
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
         self._reference_at = reference_at
-        self.good_s: dict[str, float] = {}
-        self.tick_s: float | None = None
-        self.newest_ns: int | None = None
+        self.good_s: dict[str, float] = {}  #: when the last finite sample of each sensor came, on a steady clock
+        self.tick_s: float | None = None  #: when the newest tick came
+        self.newest_ns: int | None = None  #: its stamp
         self._begin()
 
     def _begin(self) -> None:
@@ -60,9 +47,9 @@ class WeldView:
         self._open: tuple[int, Command] | None = None
         self._command = Command(nan, nan)
         self._latency_ms = nan
-        self.solve_ms = nan
-        self.angle_deg = nan
-        self.command_s: float | None = None
+        self.solve_ms = nan  #: as the selected controller has reported last; who hears it sets it
+        self.angle_deg = nan  #: and the programme
+        self.command_s: float | None = None  #: when the last command of this weld came
 
     def on_drives(self, stamp_ns: int, acting: Command, now_s: float) -> tuple[list[Row], bool]:
         """Begin a tick; returns the rows that are over, and whether another weld has begun."""

@@ -40,7 +40,7 @@ class Server:
             self.page, application(self.page.routes(), ["weld.example"], self.gate), listening, encrypted
         )
         self.thread.start()
-        self.call(self.page.set_hello, {"commands": True})
+        self.call(self.page.set_hello, {"emulator": True})
 
     def open(self, build=None, **options):
         """Open a page."""

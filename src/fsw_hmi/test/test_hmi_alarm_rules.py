@@ -106,6 +106,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
         ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
         ({"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}}, "foreign", "medium"),
+        ({"parts": {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}}}, "standby", "low"),
         ({"pages": 2}, "other_page", "medium"),
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
@@ -158,6 +159,26 @@ def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_th
     assert told() is None
     after = told(actual_controller="decentral", requested_by="takeover", reason="took over: 3 ticks (nmpc failed: (a))")
     assert after == "decentral commands in place of nmpc: (a)"
+
+
+def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
+    listed = AlarmList(lambda count: Alarm("", "", "", "low"))
+
+    def told(now_s, **changed):
+        listed.update(rules.present(situation(state=state(**changed)), now_s), now_s)
+        return [one.alarm.text for one in listed.entries.values()]
+
+    waits = {"target_controller": "decentral", "reason": "nmpc is configured to start with", "requested_by": "start"}
+    assert told(0.0) == told(1.0, **waits) == told(11.0, **waits) == []
+    assert told(12.0, actual_controller="decentral", target_controller="decentral") == told(13.0) == []
+    assert told(20.0, **waits) == []
+    late = ["nmpc commands in place of decentral: it was asked for, and is not ready"]
+    assert told(33.0, **waits) == late
+    assert told(40.0) == told(42.0) == late, "until it is acknowledged"
+    listed.acknowledge(["failover"], "Anna")
+    assert told(43.0, actual_controller="other", reason="nmpc failed: late") == [
+        "other commands in place of nmpc: late"
+    ]
 
 
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
@@ -259,6 +280,8 @@ def test_whether_commands_reach_the_machine_is_told(rules):
         ("nmpc is not ready: 3 of 5 good proposals in a row", "3 of 5 good proposals in a row"),
         ("controller nmpc is unknown", "is unknown"),
         ("nmpc has left the graph", "has left the graph"),
+        ("safe stop: torque_high is trip: torque_nm 1615", "Torque too high"),
+        ("took over: 3 ticks (new_one is trip: x_mm 1)", "new_one is trip: x_mm 1"),
         ("", "no reason is told"),
     ],
 )

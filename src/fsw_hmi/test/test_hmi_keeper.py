@@ -73,9 +73,11 @@ def test_damaged_state_is_not_used(folder, text, told):
 
 def test_damaged_rows_are_left_out(folder, told):
     with (folder / "hmi_rows.jsonl").open("ab") as file:
-        file.write(b'[1.0]\n\xff\xfe\n{"a": 1}\n' + json.dumps(["x"] * len(COLUMNS)).encode() + b"\n[1.0,2")
+        for row in (["x"] * len(COLUMNS), [float("nan")] * len(COLUMNS)):  # which no page can read
+            file.write(json.dumps(row).encode() + b"\n")
+        file.write(b'[1.0]\n\xff\xfe\n{"a": 1}\n[1.0,2')
     assert Keeper(folder, told.append).load(1000.0)[1] == ROWS
-    assert ["5 damaged lines" in one for one in told] == [True]
+    assert ["6 damaged lines" in one for one in told] == [True]
 
 
 def test_folder_that_cannot_be_written_is_told_and_harms_nothing(tmp_path, told):

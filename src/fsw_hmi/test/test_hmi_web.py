@@ -124,7 +124,7 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
     server.call(fill)
     with server.open() as page:
         hello = page.receive()
-        assert (hello["t"], hello["source"], hello["commands"]) == ("hello", "live", True)
+        assert (hello["t"], hello["source"], hello["emulator"]) == ("hello", "live", True)
         past = [page.until("history")["rows"] for _ in range(3)]
         assert [(rows[0], len(rows)) for rows in past] == [([1200], 100), ([600], 600), ([0], 600)]
         assert page.frames["state"]["known"]

@@ -114,7 +114,8 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``paper``: (28)-(37).
+            ``default``: by rule from the model; ``paper``, also called ``paper:offset_free``: (28)-(37), with estimated
+            disturbances; ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
 
         Raises
@@ -124,9 +125,10 @@ class Tuning(Model):
         """
         if name == "default":
             return cls(temperature_time_s=max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S))
-        if name == "paper":
-            return PAPER
-        raise ValueError(f"preset {name!r} is unknown; known: default, paper")
+        presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
+        if name not in presets:
+            raise ValueError(f"preset {name!r} is unknown; known: default, {', '.join(presets)}")
+        return presets[name]
 
     def with_knobs(
         self,
@@ -250,4 +252,15 @@ PAPER = Tuning(
     estimator=EstimatorTuning(
         depth_rate_walk_mm_per_s=0.0, temperature_rate_walk_c_per_s=0.0, depth_gain_walk=0.0, drift_sigmas=0.0
     ),
+)
+#: To the letter: "no disturbance model". States of the process are estimated, nothing else.
+PAPER_LETTER = PAPER.changed(
+    estimator=PAPER.estimator.changed(
+        force_walk_kn=0.0,
+        heat_walk_kw=0.0,
+        torque_scale_walk=0.0,
+        depth_offset_walk_mm=0.0,
+        temperature_offset_walk_c=0.0,
+        jump_sigmas=0.0,
+    )
 )

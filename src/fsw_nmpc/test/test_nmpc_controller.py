@@ -45,6 +45,20 @@ def test_tracks_both_set_points(preset, depth_mm, temperature_c):
     assert proposal.diagnosis.plan.time_s[-1] == pytest.approx(30.0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("preset", "estimates"), [("paper:offset_free", True), ("paper:letter", False)])
+def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
+    loop = Loop(NmpcController({"preset": preset}))
+    for _ in range(10):
+        before = loop.step().diagnosis.disturbances
+    for _ in range(30):
+        told = loop.step(depth_mm=loop.shown.depth_mm + 0.1, temperature_c=loop.shown.temperature_c - 5.0).diagnosis
+    names = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c", "depth_gain")
+    moved = [abs(told.disturbances[name] - before[name]) for name in names]
+    assert moved[-1] == 0.0
+    assert all(moved[:-1]) if estimates else not any(moved)
+
+
 def test_plan_is_what_happens():
     """Nominal process, no noise: with inputs as planned, the outputs are as planned."""
     loop = Loop()

@@ -31,7 +31,8 @@ def test_paper_is_the_paper():
 
 def test_presets():
     assert Settings.of({}).tuning == Tuning.preset("default", nominal())
-    assert Settings.of({"preset": "paper"}).tuning == PAPER
+    for name in ("paper", "paper:offset_free"):
+        assert Settings.of({"preset": name}).tuning == PAPER
     slower = nominal().changed(dead_time_s=4.0)
     assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
 

@@ -8,7 +8,7 @@ thousands of welds.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -121,19 +121,34 @@ def loop_response(
     by_torque = by_torque - power * KW_PER_NM_RPM * speed * lag(gains.power_filter)
     inertia = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     friction = p.friction_linear_nm_per_rpm + 2.0 * p.friction_quadratic_nm_per_rpm2 * speed
+    by_power = 1.0 / (torque * KW_PER_NM_RPM) + power
+    temperature = pid(gains.temperature_gain, gains.temperature_integral_time, gains.temperature_derivative_time)
+    temperature = temperature * lag(gains.temperature_filter) ** 2
+    # what the predictor makes of the measured power: of its torque, and of its speed below
+    predicted = by_power * temperature * _prediction(gains, back, lag) * KW_PER_NM_RPM
+    by_torque = by_torque - predicted * speed
     # effect of the speed by the inertia and friction that the controller subtracts from the torque; the measurement
     # has the inertia peak, too, but later
     own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
-    solved = 1.0 - by_torque * own + power * KW_PER_NM_RPM * torque * back
-    by_power = 1.0 / (torque * KW_PER_NM_RPM) + power
+    solved = 1.0 - by_torque * own + (power * KW_PER_NM_RPM + predicted) * torque * back
     controller = np.zeros((len(omega), 2, 3), dtype=np.complex128)
     depth = pid(gains.depth_gain, gains.depth_integral_time, gains.depth_derivative_time)
     controller[:, 0, 0] = depth * lag(gains.depth_filter) ** 2
-    temperature = pid(gains.temperature_gain, gains.temperature_integral_time, gains.temperature_derivative_time)
-    controller[:, 1, 1] = by_power * temperature * lag(gains.temperature_filter) ** 2 / solved
+    ahead = lag(gains.decoupling_lag) * (1.0 - lag(gains.feedforward_filter) * back)
+    controller[:, 1, 0] = -speed / torque * gains.decoupling_torque * ahead * controller[:, 0, 0] / solved
+    controller[:, 1, 1] = by_power * temperature / solved
     controller[:, 1, 2] = -by_torque / solved
     sensitivity = np.linalg.inv(np.eye(3) + process @ controller)
     return sensitivity, -controller @ sensitivity
+
+
+def _prediction(gains: Gains, back: Response, lag: Callable[[float], Response]) -> Response:
+    """Response of the Smith predictor's correction (degC) to the measured power (kW)."""
+    if not gains.predictor_dead_time * gains.predictor_gain:
+        return np.zeros_like(back)
+    whole, part = divmod(gains.predictor_dead_time / STEP_S, 1.0)
+    model = lag(gains.predictor_copper_lag) * 0.5 * (1.0 + back) * lag(gains.predictor_tool_lag)
+    return np.asarray(gains.predictor_gain * model * (1.0 - back**whole * (1.0 - part * (1.0 - back))))
 
 
 def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:

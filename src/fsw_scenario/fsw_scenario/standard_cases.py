@@ -17,7 +17,8 @@ from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 
-CONSERVATIVE, TIGHT, DEFAULT = "decentral:conservative", "decentral:tight", "nmpc:default"
+CONSERVATIVE, TIGHT, SMITH = "decentral:conservative", "decentral:tight", "decentral:smith"
+DEFAULT = "nmpc:default"
 REST = Reference(DEPTH_MM, TEMPERATURE_C)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from fsw_decentral import Gains
+from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
-from fsw_scenario.decentral_loop import errors, noise_moves, sensitivity
+from fsw_scenario.decentral_loop import errors, noise_moves, process_model, sensitivity
+from fsw_scenario.standard_cases import REST
 
 Vector = NDArray[np.float64]
 #: Margins by which bounds and targets are kept, so that they hold after rounding.
@@ -28,12 +29,12 @@ _SWINGING_C = 2.0
 #: how far the first simplex of the search reaches from the start, in logarithms of the gains
 _REACH = 0.25
 EVALUATIONS = 3000
-NAMES = ("conservative", "tight")
+NAMES = tuple(tunings())
 
 
 def _by_name(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
-    """Columns of a table, by the names of the tunings."""
-    return {name: {key: row[i] for key, row in table.items()} for i, name in enumerate(NAMES)}
+    """By the names of the tunings: the first column of a table for the conservative one, the second for all others."""
+    return {name: {key: row[name != "conservative"] for key, row in table.items()} for name in NAMES}
 
 
 #: Upper bounds: Ms of each loop, standard deviation of the moves per tick under sensor noise.
@@ -64,8 +65,9 @@ TARGETS = _by_name(
     }
 )
 
-#: Searched for, with the range: all gains. The unit is that of the gain. The events hardly reach the bounds of the
-#: speed, so the range is what keeps the tracking times short enough for a speed that rests at a bound.
+#: Searched for, with the range: all gains but the model's (decoupling, predictor). The unit is that of the gain. The
+#: events hardly reach the bounds of the speed, so the range is what keeps the tracking times short enough for a speed
+#: that rests at a bound.
 SEARCHED = {
     "depth_gain": (1.0, 500.0),
     "depth_integral_time": (0.3, 100.0),
@@ -91,8 +93,9 @@ SEARCHED = {
 
 def start_of(name: str, parameters: ModelParameters) -> Gains:
     """Where the search for one of ``NAMES`` starts: internal model control of the loops by themselves."""
-    p, tight = parameters, name == "tight"
-    closed_s = (1.0 if tight else 1.4) * p.dead_time_s
+    p, tight = parameters, name != "conservative"
+    predicts = name == "smith"
+    closed_s = (0.35 if predicts else 1.0 if tight else 1.4) * p.dead_time_s
     heat_c_per_kw_s = p.thermal_gain_c_per_kw / p.copper_lag_s
     creep_mm_per_kn_s = p.depth_gain_mm_per_kn_s * p.depth_zero_s / p.depth_pole_slow_s
     return Gains(
@@ -106,7 +109,7 @@ def start_of(name: str, parameters: ModelParameters) -> Gains:
         temperature_gain=1.0 / (heat_c_per_kw_s * (closed_s + p.dead_time_s)),
         temperature_integral_time=p.copper_lag_s + p.tool_lag_s,
         temperature_derivative_time=1.5 * p.tool_lag_s,
-        temperature_filter=0.35 * p.tool_lag_s,
+        temperature_filter=(0.7 if predicts else 0.35) * p.tool_lag_s,
         temperature_weight=0.95,
         temperature_reference_filter=0.1 if tight else 1.0,
         temperature_tracking_time=20.0,
@@ -115,7 +118,23 @@ def start_of(name: str, parameters: ModelParameters) -> Gains:
         power_filter=0.15,
         power_tracking_time=20.0,
         feedforward_filter=0.15 if tight else 0.25,
+        **(_model_of(p) if predicts else {}),
     )
+
+
+def _model_of(parameters: ModelParameters) -> dict[str, float]:
+    """Gains that are the model's, linearised at the operating point."""
+    p, model = parameters, process_model(parameters)
+    at = model.equilibrium(REST.depth_mm, REST.temperature_c)
+    more = model.outputs(at.state, at.force_kn + 1.0, at.speed_rpm)
+    return {
+        "predictor_gain": p.thermal_gain_c_per_kw,
+        "predictor_copper_lag": p.copper_lag_s,
+        "predictor_tool_lag": p.tool_lag_s,
+        "predictor_dead_time": p.dead_time_s,
+        "decoupling_torque": float(f"{more.process_torque_nm - at.outputs.process_torque_nm:.4g}"),
+        "decoupling_lag": p.motor_lag_s,
+    }
 
 
 def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:

@@ -134,7 +134,7 @@ class Arbiter:
 
         ``by_supervisor``: another supervisor has signed it.
         """
-        if self.watch.is_own(stamp_ns, source, command):
+        if self.watch.is_own(stamp_ns, source, command, by_supervisor):
             return True
         self.in_force.on_foreign(command)
         self.on_source(source)

@@ -36,11 +36,15 @@ class CommandWatch:
         """Record a decision that is sent."""
         self._sent.append(decision)
 
-    def is_own(self, stamp_ns: int, source: str, command: Command) -> bool:
-        """Whether a command was sent here; each counts once."""
+    def is_own(self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False) -> bool:
+        """Whether a command was sent here; each counts once.
+
+        One ``by_supervisor``, signed by another, may say the same; the own one is then still to come.
+        """
         for decision in self._sent:
             if decision.stamp_ns == stamp_ns and decision.source == source and same(decision.command, command):
-                self._sent.remove(decision)
+                if not by_supervisor:
+                    self._sent.remove(decision)
                 return True
         return False
 

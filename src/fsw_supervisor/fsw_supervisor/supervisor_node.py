@@ -207,6 +207,8 @@ class SupervisorNode(Node):
             self._diagnose()
 
     def _diagnose(self) -> None:
+        if self._role is Role.LISTENING:  # for a second at most; whoever watches would miss the report afterwards
+            return
         if self._role is not Role.ACTIVE:
             line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
             self._diagnostics.publish([line])

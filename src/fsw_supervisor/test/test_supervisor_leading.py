@@ -68,6 +68,16 @@ def test_commands_seen_of_its_own_are_nobodys(leader):
     assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (2, 1)
 
 
+def test_the_same_command_of_the_leader_before_does_not_make_the_own_one_foreign(leader):
+    """In a takeover both answer a tick, mostly alike; the own command is heard second."""
+    own = leader.sent[-1]
+    for token in ("0.other", leader.failover.token):
+        leader.failover.on_command(token, own.stamp_ns, own.source, own.command)
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (0, 0)
+    leader.failover.on_command(leader.failover.token, own.stamp_ns, own.source, own.command)
+    assert leader.events().count("foreign writer") == 1, "said twice, it is somebody else's"
+
+
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize(("age_ticks", "follows"), [(-1, False), (0, True), (10, True), (11, False)])
 def test_a_leader_follows_a_command_of_a_newer_term_if_it_answers_a_measurement_of_the_last_second(

@@ -16,7 +16,7 @@ SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "tune_decentral.py"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["conservative", "tight"])
+@pytest.mark.parametrize("name", tunings())
 def test_shipped_gains_are_stable_on_processes_unlike_the_model(name):
     for factors in MISMATCH.values():
         assert max(simulated_sensitivity(tunings()[name], nominal().scaled(**factors))) < 3.5

@@ -286,7 +286,6 @@ class FakeHmi:
             "server_s": time.time(),
             "session": session,
             "login": self._room.login,
-            "commands": True,
             "emulator": self.emulator,
             "columns": COLUMNS,
             "limits": LIMITS,

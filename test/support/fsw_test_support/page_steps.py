@@ -49,8 +49,17 @@ def log_in(page: Any, name: str = "Anna", secret: str = TOKEN, label: str = "Tok
     page.keyboard.press("Enter")
 
 
-def in_control(page: Any, name: str = "Anna") -> None:
+def in_control(page: Any, name: str = "Anna", secret: str = TOKEN) -> None:
     """Log in and take control."""
-    log_in(page, name)
+    log_in(page, name, secret)
     press(page, "Take control")
     expect(page.locator(".control")).to_have_text(f"{name} (you) has control.")
+
+
+def band_pixels(trend: str) -> str:
+    """Script that counts what the band about a prediction covers in a trend; nothing else there is as translucent."""
+    return f"""(() => {{
+        const canvas = document.querySelector(".trend.{trend} canvas");
+        const {{ data }} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        return data.filter((one, i) => i % 4 === 3 && one === 0x66).length;
+    }})()"""

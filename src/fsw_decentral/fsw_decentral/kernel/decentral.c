@@ -99,17 +99,64 @@ static double loop_step(fsw_decentral_loop *l, double measured, double reference
   return l->output;
 }
 
+/* ---- temperature one dead time ahead */
+
+/* Note the power of the time since the last tick; the first one is taken as that of all time before. */
+static void predictor_step(fsw_decentral_predictor *p, double power_kw, double dt_s) {
+  if (p->delay_ticks <= 0.0) return;
+  if (!p->started) {
+    p->copper_kw = p->tool_kw = power_kw;
+    for (int i = 0; i < FSW_DECENTRAL_HISTORY; i++) p->past_kw[i] = power_kw;
+    p->newest = 0;
+    p->started = 1;
+  }
+  int ticks = (int)(dt_s / FSW_DECENTRAL_TICK_S + 0.5);
+  do {
+    const double before_kw = p->copper_kw;
+    p->copper_kw += p->copper * (power_kw - p->copper_kw);
+    p->tool_kw += p->tool * (0.5 * (before_kw + p->copper_kw) - p->tool_kw);
+    p->newest = (p->newest + 1) % FSW_DECENTRAL_HISTORY;
+    p->past_kw[p->newest] = p->tool_kw;
+  } while (--ticks > 0);
+  const int whole = (int)p->delay_ticks, at = p->newest + FSW_DECENTRAL_HISTORY - whole;
+  const double later_kw = p->past_kw[at % FSW_DECENTRAL_HISTORY], earlier_kw = p->past_kw[(at - 1) % FSW_DECENTRAL_HISTORY];
+  p->correction_c = p->gain * (p->tool_kw - later_kw + (p->delay_ticks - whole) * (later_kw - earlier_kw));
+}
+
+static void predictor_clear(fsw_decentral_predictor *p) {
+  p->started = 0;
+  p->correction_c = 0.0;
+}
+
+/* Another model; the prediction begins at rest. The output of the loop `l` behind it does not jump. */
+static void predictor_configure(fsw_decentral_predictor *p, const fsw_decentral_tuning *t, fsw_decentral_loop *l) {
+  const double delay_ticks = t->predictor_gain > 0.0 ? t->predictor_dead_time / FSW_DECENTRAL_TICK_S : 0.0;
+  const double copper = share(t->predictor_copper_lag, FSW_DECENTRAL_TICK_S);
+  const double tool = share(t->predictor_tool_lag, FSW_DECENTRAL_TICK_S);
+  if (p->gain == t->predictor_gain && p->delay_ticks == delay_ticks && p->copper == copper && p->tool == tool) return;
+  l->measured -= p->correction_c;
+  l->first_stage -= p->correction_c;
+  l->integrator -= l->started ? l->gain * p->correction_c : 0.0;
+  predictor_clear(p);
+  p->gain = t->predictor_gain;
+  p->delay_ticks = delay_ticks;
+  p->copper = copper;
+  p->tool = tool;
+}
+
 /* ---- power to speed */
 
 static void power_clear(fsw_decentral_power *p, double torque_nm) {
   p->started = 0;
-  p->fast_nm = p->slow_nm = torque_nm;
+  p->now_nm = p->fast_nm = p->slow_nm = torque_nm;
+  p->caused_kn = p->seen_kn = NAN;
   p->output = NAN;
   p->integrator = p->gained = 0.0;
 }
 
 /* The next process torque; one before the first step is taken as it is. */
 static void power_measure(fsw_decentral_power *p, double torque_nm) {
+  p->now_nm = torque_nm;
   if (!p->started) {
     p->fast_nm = p->slow_nm = torque_nm;
     return;
@@ -130,13 +177,21 @@ static void power_follow(fsw_decentral_power *p, double excess_rpm, int bounded,
     p->integrator -= p->gained;
 }
 
-/* The speed for a power reference, `speed_rpm` being the present one. */
-static double power_step(fsw_decentral_power *p, double reference_kw, double speed_rpm) {
+/* Process torque with the next force: what that adds, before the feed-forward's torque shows it. */
+static double expected_nm(fsw_decentral_power *p, double force_kn) {
+  if (p->caused_kn != p->caused_kn) p->caused_kn = p->seen_kn = force_kn;
+  p->seen_kn += p->feedforward * (p->caused_kn - p->seen_kn);
+  p->caused_kn += p->decoupling * (force_kn - p->caused_kn);
+  return at_least(p->slow_nm + p->decoupling_nm_per_kn * (p->caused_kn - p->seen_kn), LEAST_TORQUE_NM);
+}
+
+/* The speed for a power reference, `speed_rpm` being the present one, `force_kn` the next. */
+static double power_step(fsw_decentral_power *p, double reference_kw, double speed_rpm, double force_kn) {
   p->started = 1;
   const double error_kw = reference_kw - p->fast_nm * speed_rpm * KW_PER_NM_RPM;
   p->gained = p->integral * error_kw;
   p->integrator += p->gained;
-  p->output = reference_kw / (p->slow_nm * KW_PER_NM_RPM) + p->gain * error_kw + p->integrator;
+  p->output = reference_kw / (expected_nm(p, force_kn) * KW_PER_NM_RPM) + p->gain * error_kw + p->integrator;
   return p->output;
 }
 
@@ -153,7 +208,10 @@ int fsw_decentral_is_usable(const fsw_decentral_tuning *t) {
          is_amount(t->temperature_filter) && is_amount(t->temperature_weight) &&
          is_amount(t->temperature_reference_filter) && is_positive(t->temperature_tracking_time) &&
          is_amount(t->power_gain) && is_positive(t->power_integral_time) && is_amount(t->power_filter) &&
-         is_positive(t->power_tracking_time) && is_amount(t->feedforward_filter) && is_finite(t->force_min_kn) &&
+         is_positive(t->power_tracking_time) && is_amount(t->feedforward_filter) && is_amount(t->decoupling_torque) &&
+         is_amount(t->decoupling_lag) && is_amount(t->predictor_gain) && is_amount(t->predictor_copper_lag) &&
+         is_amount(t->predictor_tool_lag) && is_amount(t->predictor_dead_time) &&
+         t->predictor_dead_time <= FSW_DECENTRAL_LONGEST_DEAD_TIME_S && is_finite(t->force_min_kn) &&
          is_finite(t->force_max_kn) && t->force_min_kn < t->force_max_kn && is_finite(t->speed_min_rpm) &&
          is_finite(t->speed_max_rpm) && t->speed_min_rpm < t->speed_max_rpm && is_amount(t->force_step_kn) &&
          is_amount(t->speed_step_rpm) && is_finite(t->friction[0]) && is_finite(t->friction[1]) &&
@@ -169,18 +227,22 @@ static void configure_loops(fsw_decentral *c) {
   const loop_gains temperature = {t->temperature_gain,   t->temperature_integral_time,    t->temperature_derivative_time,
                                   t->temperature_filter, t->temperature_weight,           t->temperature_reference_filter,
                                   t->temperature_tracking_time};
+  predictor_configure(&c->predictor, t, &c->temperature);
   loop_configure(&c->depth, &depth, dt_s);
   loop_configure(&c->temperature, &temperature, dt_s);
   c->power.gain = t->power_gain;
   c->power.integral = t->power_gain * dt_s / t->power_integral_time;
   c->power.filter = share(t->power_filter, dt_s);
   c->power.feedforward = share(t->feedforward_filter, dt_s);
+  c->power.decoupling_nm_per_kn = t->decoupling_torque;
+  c->power.decoupling = share(t->decoupling_lag, dt_s);
   c->power.tracking = at_most(dt_s / t->power_tracking_time, 1.0);
 }
 
 static void start_loops(fsw_decentral *c) {
   loop_clear(&c->depth);
   loop_clear(&c->temperature);
+  predictor_clear(&c->predictor);
   power_clear(&c->power, c->tuning.nominal_torque_nm);
   configure_loops(c);
 }
@@ -272,20 +334,22 @@ static void measure_torque(fsw_decentral *c, const fsw_decentral_input *in, doub
   power_measure(&c->power, at_least(in->torque_nm - friction_nm - inertia * acceleration_rpm_per_s, LEAST_TORQUE_NM));
 }
 
-static double wanted_speed_rpm(fsw_decentral *c, const fsw_decentral_input *in, double applied_rpm) {
+static double wanted_speed_rpm(fsw_decentral *c, const fsw_decentral_input *in, double applied_rpm, double force_kn) {
   fsw_decentral_loop *l = &c->temperature;
   if (c->power.started) follow_speed(c, applied_rpm);
   measure_torque(c, in, applied_rpm);
+  predictor_step(&c->predictor, c->power.now_nm * applied_rpm * KW_PER_NM_RPM, c->dt_s);
   if (!is_finite(l->output)) l->output = c->power.slow_nm * applied_rpm * KW_PER_NM_RPM;
   if (in->temperature_valid && is_finite(in->temperature_c) && is_finite(c->reference_temperature_c)) {
+    const double predicted_c = in->temperature_c + c->predictor.correction_c;
     c->blind_temperature_s = 0.0;
-    if (!l->started) loop_start(l, in->temperature_c, c->reference_temperature_c, l->output);
-    loop_step(l, in->temperature_c, c->reference_temperature_c);
+    if (!l->started) loop_start(l, predicted_c, c->reference_temperature_c, l->output);
+    loop_step(l, predicted_c, c->reference_temperature_c);
   } else {
     c->blind_temperature_s += c->dt_s;
     loop_pause(l, l->output);
   }
-  return power_step(&c->power, l->output, applied_rpm);
+  return power_step(&c->power, l->output, applied_rpm, force_kn);
 }
 
 static int reason_of(const fsw_decentral *c) {
@@ -325,7 +389,9 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
     c->reference_depth_mm = in->reference_depth_mm;
     c->reference_temperature_c = in->reference_temperature_c;
   }
-  double force_kn = wanted_force_kn(c, in, applied_kn), speed_rpm = wanted_speed_rpm(c, in, applied_rpm);
+  double force_kn = wanted_force_kn(c, in, applied_kn);
+  const double next_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, given_kn, t->force_step_kn);
+  double speed_rpm = wanted_speed_rpm(c, in, applied_rpm, next_kn);
   out->reason = reason_of(c);
   if (!(is_within(force_kn, MOST_WANTED) && is_within(speed_rpm, MOST_WANTED))) {
     start_loops(c);
@@ -350,6 +416,6 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
   if (!out->healthy && c->bad_cycles < INT_MAX) c->bad_cycles++;
   out->bad_cycles = c->bad_cycles;
   out->depth_mm = c->depth.measured;
-  out->temperature_c = c->temperature.measured;
+  out->temperature_c = c->temperature.measured - c->predictor.correction_c;
   out->torque_nm = c->power.fast_nm;
 }

@@ -1,7 +1,7 @@
 /* The decentralized controller of depth and temperature: temperature by spindle speed through a power loop, depth by axial
- * force. Two single loops side by side.
+ * force. Two single loops side by side; on request with a Smith predictor and a decoupling of the speed from the force.
  *
- * Portable C99: no heap, no globals, no recursion, of libm only exp, no iteration. All memory is the struct fsw_decentral,
+ * Portable C99: no heap, no globals, no recursion, of libm only exp, no unbounded iteration. All memory is the struct fsw_decentral,
  * which holds no pointer and may be copied. NaN, stale and missing samples are arguments. Arithmetic is that of IEEE 754,
  * in double precision.
  *
@@ -17,6 +17,8 @@ extern "C" {
 #endif
 
 #define FSW_DECENTRAL_TICK_S 0.1             /* counts as the time since the last tick where that is not usable */
+#define FSW_DECENTRAL_LONGEST_DEAD_TIME_S 10.0
+#define FSW_DECENTRAL_HISTORY 102            /* samples for the longest dead time, and two to interpolate */
 
 /* Gains, limits and what is known of the spindle. */
 typedef struct {
@@ -31,6 +33,10 @@ typedef struct {
   double power_gain;                         /* rpm/kW */
   double power_integral_time, power_filter, power_tracking_time;
   double feedforward_filter;                 /* times and time constants: s */
+  double decoupling_torque, decoupling_lag;  /* process torque of the force, N m/kN, and how late it comes; 0: none */
+  double predictor_gain;                     /* temperature over power, degC/kW */
+  double predictor_copper_lag, predictor_tool_lag;
+  double predictor_dead_time;                /* 0: no predictor */
   double force_min_kn, force_max_kn, speed_min_rpm, speed_max_rpm;
   double force_step_kn, speed_step_rpm;      /* largest change per tick */
   double friction[3];                        /* (23): N m, N m/rpm, N m/rpm^2 */
@@ -88,15 +94,26 @@ typedef struct {
 /* Speed from a power reference: feed-forward by the measured torque, and PI on the measured power. */
 typedef struct {
   int started;
-  double fast_nm, slow_nm;                   /* process torque: for the power, for the feed-forward */
+  double now_nm, fast_nm, slow_nm;           /* process torque: as measured, for the power, for the feed-forward */
+  double caused_kn, seen_kn;                 /* force behind the torque at the end of this tick, and behind slow_nm */
   double output, integrator, gained;         /* gained: by the integrator in the last tick */
-  double gain, integral, filter, feedforward, tracking;
+  double gain, integral, filter, feedforward, tracking, decoupling_nm_per_kn, decoupling;
 } fsw_decentral_power;
+
+/* Smith predictor: by how much the linear model of power to temperature is ahead of itself one dead time ago. */
+typedef struct {
+  int started, newest;
+  double copper_kw, tool_kw;                 /* power behind the first lag and behind both */
+  double past_kw[FSW_DECENTRAL_HISTORY];     /* of tool_kw, one a tick, in a ring */
+  double correction_c;
+  double gain, copper, tool, delay_ticks;    /* lags as shares taken over in a tick */
+} fsw_decentral_predictor;
 
 typedef struct {
   fsw_decentral_tuning tuning;
   fsw_decentral_loop depth, temperature;
   fsw_decentral_power power;
+  fsw_decentral_predictor predictor;
   double dt_s, proposed_force_kn, proposed_speed_rpm, speed_before_rpm;
   double reference_depth_mm, reference_temperature_c;
   double blind_torque_s, blind_temperature_s;
@@ -109,7 +126,7 @@ int fsw_decentral_bytes(void);
 const char *fsw_decentral_id(void);
 
 /* Whether a tuning can be used: all finite; gains, times, steps, inertia and blind limit not negative; integral and
- * tracking times and the nominal torque above 0; minima below maxima. */
+ * tracking times and the nominal torque above 0; minima below maxima; the dead time not above the longest one. */
 int fsw_decentral_is_usable(const fsw_decentral_tuning *tuning);
 
 /* Take a tuning and start from the middle of its bounds. Returns 0, or 1 when the tuning is not usable: the controller

@@ -46,8 +46,7 @@ export class Alarms {
     const [head, why] = text.split(/(: .*)/);
     const told = detail(alarm, open);
     const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ?? ""), " ", el("span", { className: "detail", title: told }, told));
-    const summary = el("summary", { onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
-    summary.dataset.alarm = id;
+    const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "aria-hidden": "true" }, SIGN[priority]), what);
     return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, el("p", {}, `${consequence} → ${advice}`)), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
 
@@ -60,10 +59,10 @@ export class Alarms {
   /** @param {Alarm} alarm @param {boolean} open */
   #buttons(alarm, open) {
     const { id, text, priority, state } = alarm;
+    const { lack } = this.commands;
     const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) => {
-      const made = el("button", { type: "button", "aria-label": `${name}: ${text}`, disabled: Boolean(this.commands.lack), title: this.commands.lack, onclick }, name);
-      made.dataset.alarm = `${name} ${id}`;
-      return made;
+      const labels = { "aria-label": `${name}: ${text}`, "data-alarm": `${name} ${id}` };
+      return el("button", { type: "button", ...labels, disabled: Boolean(lack), title: lack, onclick }, name);
     };
     if (state === "shelved") return [button("Back", () => this.commands.ask("Take an alarm back", "unshelve", { alarm: id }))];
     const shelve = priority === "high" || !open ? [] : [button("Shelve", () => this.#shelve(alarm))];

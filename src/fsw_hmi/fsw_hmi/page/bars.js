@@ -1,5 +1,5 @@
 // The values now: a numeral and an analogue bar each, with normal range, limits, set-point and dead-band.
-import { el, panel, setText } from "./dom.js";
+import { at, el, panel, setText } from "./dom.js";
 import { fixed, known, SIGN, signed } from "./format.js";
 import { judge, qualityLimits, QUANTITIES } from "./quantities.js";
 
@@ -53,19 +53,13 @@ class Bar {
     this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);
     this.#point(this.marker, aim);
-    if (aim !== this.drawnAim) this.#followAim(aim);
-  }
-
-  /** Bands that move with the set-point. */
-  #followAim(/** @type {Value} */ aim) {
-    this.drawnAim = aim;
     if (this.normal && this.own.quality) this.#stretch(this.normal, ...qualityLimits(this.spec.key, this.limits, aim));
     const half = this.own.dead_band ?? 0;
     if (this.deadBand) this.#stretch(this.deadBand, aim === null ? null : aim - half, aim === null ? null : aim + half);
   }
 
   #share(/** @type {number} */ value) {
-    return Math.min(100, Math.max(0, (100 * (value - this.low)) / (this.high - this.low)));
+    return Math.min(1, Math.max(0, (value - this.low) / (this.high - this.low)));
   }
 
   #part(/** @type {string} */ className) {
@@ -77,8 +71,8 @@ class Bar {
   /** @param {HTMLElement} band @param {Value} low @param {Value} high */
   #stretch(band, low, high) {
     const [from, to] = [this.#share(low ?? this.low), this.#share(high ?? this.high)];
-    band.style.setProperty("--from", `${from}%`);
-    band.style.setProperty("--share", `${Math.max(0, to - from)}%`);
+    band.style.setProperty("--from", `${100 * from}%`);
+    band.style.setProperty("--share", `${100 * Math.max(0, to - from)}%`);
   }
 
   /** @param {string} kind @param {Pair | undefined} limits */
@@ -93,12 +87,12 @@ class Bar {
   #label(/** @type {number} */ value, /** @type {string} */ kind) {
     const label = this.#part(`tick ${kind}`);
     label.textContent = String(value);
-    label.style.setProperty("--at", `${this.#share(value)}%`);
+    at(label, this.#share(value));
   }
 
   #point(/** @type {HTMLElement} */ mark, /** @type {Value} */ value) {
     mark.hidden = value === null;
-    if (value !== null) mark.style.setProperty("--at", `${this.#share(value).toFixed(2)}%`);
+    if (value !== null) at(mark, this.#share(value));
   }
 }
 

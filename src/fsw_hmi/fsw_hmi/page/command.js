@@ -88,7 +88,6 @@ export class Commands {
     const own = hello?.login === "password" && holder?.name === name; // on another page
     const mayTake = commands && !you && (!holder || own || (request?.you && !request.left_s));
     const reasons = [
-      [hello?.commands === false, "This server takes no commands."],
       [!live, "Not connected."],
       [!authenticated, "Log in to command."],
       [!commands, "Your role is view: you may look, and stop."],
@@ -101,7 +100,7 @@ export class Commands {
     const more = note || this.#lost;
     setText(this.control, [has, this.lack, more && `${more[0].toUpperCase()}${more.slice(1)}.`].filter(Boolean).join(" "));
     this.control.dataset.level = this.#lost ? "medium" : "";
-    this.logInButton.hidden = authenticated || hello?.commands === false;
+    this.logInButton.hidden = authenticated;
     this.takeButton.hidden = !mayTake;
     this.requestButton.hidden = !commands || you || mayTake || Boolean(request?.you);
     this.withdrawButton.hidden = !request?.you;

@@ -1,5 +1,5 @@
 // Health of the controllers, of the other parts and of the data itself.
-import { el, panel, renew, scroll, setShort, setText } from "./dom.js";
+import { el, panel, renew, scroll, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
@@ -34,14 +34,11 @@ function row(/** @type {Health} */ one, /** @type {State} */ state) {
   const commands = one.name === state.actual_controller && state.actual_mode === "auto";
   const status = one.inhibited ? "inhibited" : !one.healthy ? "fails" : one.ready ? "ready" : "not ready";
   const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, `${one.missed}, ${one.late}, ${one.rejected}`];
-  const made = el("tr", {}, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, text)));
-  made.dataset.level = one.inhibited || !one.healthy ? "medium" : "";
-  return made;
+  const level = one.inhibited || !one.healthy ? "medium" : "";
+  return el("tr", { "data-level": level }, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, text)));
 }
 
 function note(/** @type {Note} */ { level, text }) {
-  const made = el("li");
-  setShort(made, `${LEVEL_SIGN[level] ?? ""} ${text}`.trim());
-  made.dataset.level = level;
-  return made;
+  const line = `${LEVEL_SIGN[level] ?? ""} ${text}`.trim();
+  return el("li", { title: line, "data-level": level }, line);
 }

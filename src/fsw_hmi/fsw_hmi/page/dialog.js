@@ -51,8 +51,7 @@ export function notice(key, text = "", ...buttons) {
   if (shown?.firstChild && shown.dataset.key === key) return setText(shown.firstChild, text);
   shown?.remove();
   if (!key) return;
-  const dialog = el("dialog", { className: "notice", role: "alertdialog", "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));
-  dialog.dataset.key = key;
+  const dialog = el("dialog", { className: "notice", role: "alertdialog", "data-key": key, "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));
   root.append(dialog);
   dialog.setAttribute("open", ""); // show() would take the focus
 }

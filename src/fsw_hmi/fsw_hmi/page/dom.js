@@ -44,6 +44,12 @@ export function renew(node, key, makeChildren) {
   node.replaceChildren(...makeChildren());
 }
 
+/** Put a node at a share of the length of what it is in. @template {HTMLElement} Made @param {Made} node @param {number} share */
+export function at(node, share) {
+  node.style.setProperty("--at", `${(100 * share).toFixed(2)}%`);
+  return node;
+}
+
 /** A titled panel of the page. @param {string} id @param {string} title @param {Node[]} children */
 export function panel(id, title, ...children) {
   const heading = el("h2", { id: `${id}-title` }, title);

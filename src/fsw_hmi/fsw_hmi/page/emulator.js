@@ -3,8 +3,7 @@ import { numberField, openForm, selectField } from "./dialog.js";
 import { lasting, words } from "./format.js";
 
 const named = (/** @type {string[]} */ values) => values.map((value) => ({ value, text: words(value) }));
-const units = (/** @type {Record<string, Allowed>} */ of) => Object.entries(of).map(([value, { unit }]) => ({ value, text: `${words(value)} [${written(unit)}]` }));
-const written = (/** @type {string} */ unit) => unit.replace("N m", "N·m");
+const units = (/** @type {Record<string, Allowed>} */ of) => Object.entries(of).map(([value, { unit }]) => ({ value, text: `${words(value)} [${unit}]` }));
 const WITH_SIZE = ["bias", "drift", "spike", "delay"];
 
 export function disturb(/** @type {Hello} */ { disturbances }, /** @type {Ask} */ ask) {
@@ -19,11 +18,11 @@ export function disturb(/** @type {Hello} */ { disturbances }, /** @type {Ask} *
     fields: [channel, shape, amplitude, duration, period],
     summary: () => {
       const { unit, min, max } = channels[channel.value];
-      amplitude.use(shape.value !== "none", min, max, written(unit));
+      amplitude.use(shape.value !== "none", min, max, unit);
       amplitude.refuseZero();
       duration.use(shape.value === "ramp" || shape.value === "pulse");
       period.use(shape.value === "sine");
-      const size = `${amplitude.input.value || "–"} ${written(unit)}`;
+      const size = `${amplitude.input.value || "–"} ${unit}`;
       /** @type {Record<string, string>} */ const told = { none: "no disturbance any more", step: `at once by ${size}`, ramp: `by ${size} within ${lasting(duration.value)}`, pulse: `by ${size} for ${lasting(duration.value)}`, sine: `to and fro by ${size}, every ${lasting(period.value)}` };
       return `${words(channel.value)}: ${told[shape.value] ?? size}`;
     },
@@ -43,7 +42,7 @@ export function fault(/** @type {Hello} */ { faults, disturbances }, /** @type {
     fields: [sensor, kind, magnitude, duration],
     summary: () => {
       const { min, max, unit: own } = sensors[sensor.value];
-      const unit = kind.value === "delay" ? "s" : kind.value === "drift" ? `${written(own)}/s` : written(own);
+      const unit = kind.value === "delay" ? "s" : kind.value === "drift" ? `${own}/s` : own;
       magnitude.use(WITH_SIZE.includes(kind.value), ...(kind.value === "delay" ? delay : /** @type {const} */ ([min, max])), unit);
       magnitude.refuseZero();
       duration.use(kind.value !== "none" && kind.value !== "spike");

@@ -39,11 +39,10 @@ export class LivePage {
   }
 
   frame(/** @type {Frame} */ frame) {
+    if (frame.t === "prediction" && frame.controller !== this.state.actual_controller) return;
     if (frame.t === "hello") this.#begin(frame);
     else if (frame.t === "tick") this.#tick(frame);
-    else if (frame.t === "prediction") {
-      if (frame.controller === this.state.actual_controller) Object.assign(this.trends ?? {}, { prediction: frame });
-    }
+    else if (frame.t === "prediction") Object.assign(this.trends ?? {}, { prediction: frame });
     else if (frame.t === "actions") this.actions.update(frame.actions);
     else if (frame.t === "history") {
       this.store?.prepend(frame.rows);

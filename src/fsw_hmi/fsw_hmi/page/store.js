@@ -1,11 +1,12 @@
 // The last hour of ticks, by column.
 import { known } from "./format.js";
 
+const KEPT = 3600 * 10; // rows at least
+
 export class Store {
-  /** `kept` is how many rows are kept at least. @param {string[]} names columns of a row, the time first @param {number} kept */
-  constructor(names, kept = 3600 * 10) {
+  /** @param {string[]} names columns of a row, the time first */
+  constructor(names) {
     this.names = names;
-    this.kept = kept;
     /** @type {Value[][]} */ this.columns = names.map(() => []);
   }
 
@@ -14,14 +15,12 @@ export class Store {
     return this.columns[0].at(-1) ?? NaN;
   }
 
-  /** Add the newest row. A clock that runs backwards begins a new weld. */
+  /** Add the newest row. */
   append(/** @type {Row} */ row) {
-    const time = row[0] ?? NaN;
-    if (time === this.newest) return;
-    if (time < this.newest) this.columns = this.names.map(() => []);
+    if (row[0] === this.newest) return;
     this.columns.forEach((column, i) => column.push(row[i] ?? null));
-    const surplus = this.columns[0].length - this.kept;
-    if (surplus > this.kept / 10) this.columns.forEach((column) => column.splice(0, surplus)); // seldom: it moves all
+    const surplus = this.columns[0].length - KEPT;
+    if (surplus > KEPT / 10) this.columns.forEach((column) => column.splice(0, surplus)); // seldom: it moves all
   }
 
   /** Add a block of rows, oldest first, before what is known; rows that are known already are left out. */

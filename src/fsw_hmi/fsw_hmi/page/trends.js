@@ -143,36 +143,38 @@ function addGaps(u, _, first, last, gaps) {
   return gaps.sort(([a], [b]) => a - b);
 }
 
-/** Draw a line of times and values on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values */
-export function drawLine({ ctx, bbox, valToPos }, times, values, stroke = INK, width = 2, dash = DASHED) {
+/** Draw a path on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values @param {() => void} paint */
+function drawPath({ ctx, bbox, valToPos }, times, values, paint) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
   ctx.beginPath();
   times.forEach((time, i) => ctx.lineTo(valToPos(time, "x", true), valToPos(values[i], "y", true)));
-  ctx.strokeStyle = stroke;
-  ctx.lineWidth = width * devicePixelRatio;
-  ctx.setLineDash(dash.map((length) => length * devicePixelRatio));
-  ctx.stroke();
+  paint();
   ctx.restore();
 }
 
+/** @param {Plot} u @param {number[]} times @param {number[]} values */
+export function drawLine(u, times, values, stroke = INK, width = 2, dash = DASHED) {
+  drawPath(u, times, values, () => {
+    u.ctx.strokeStyle = stroke;
+    u.ctx.lineWidth = width * devicePixelRatio;
+    u.ctx.setLineDash(dash.map((length) => length * devicePixelRatio));
+    u.ctx.stroke();
+  });
+}
+
 /** Shade so many standard deviations about a prediction that tells them. @param {Plot} u @param {Ahead} ahead @param {string} key @param {number} sigmas */
-export function drawBand({ ctx, bbox, valToPos }, { time_s: times, ...ahead }, key, sigmas) {
+export function drawBand(u, { time_s: times, ...ahead }, key, sigmas) {
   const values = ahead[key] ?? [];
   const deviations = ahead[`${key}:deviation`] ?? [];
   if (deviations.length !== times.length || values.length !== times.length) return;
-  const edge = (/** @type {number} */ sign) => times.map((time, i) => [valToPos(time, "x", true), valToPos(values[i] + sign * sigmas * deviations[i], "y", true)]);
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-  ctx.clip();
-  ctx.beginPath();
-  for (const [x, y] of [...edge(1), ...edge(-1).reverse()]) ctx.lineTo(x, y);
-  ctx.fillStyle = BAND;
-  ctx.fill();
-  ctx.restore();
+  const edge = (/** @type {number} */ sign) => values.map((value, i) => value + sign * sigmas * deviations[i]);
+  drawPath(u, [...times, ...[...times].reverse()], [...edge(1), ...edge(-1).reverse()], () => {
+    u.ctx.fillStyle = BAND;
+    u.ctx.fill();
+  });
 }
 
 /** Draw an upright line at a time. @param {Plot} u @param {number} time @param {string} stroke @param {number[]} dash */

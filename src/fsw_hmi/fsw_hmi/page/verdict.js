@@ -9,12 +9,9 @@ export const TICK_AGE_S = 0.5;
 export function verdict(now) {
   if (!known(now.tickAgeS)) return { level: "attention", text: "No measurements yet" };
   const present = now.alarms.filter(({ state }) => state !== "cleared" && state !== "shelved"); // the worst first
-  const urgent = [fromTickAge, fromAlarms("high"), fromAlarms("medium"), fromValues, fromState, fromAlarms("low")];
-  for (const look of urgent) {
-    const found = look(now, present);
-    if (found) return found;
-  }
-  return { level: "good", text: "Good", detail: "depth and temperature within their limits" };
+  const told = (/** @type {Priority} */ priority) => fromAlarms(present, priority);
+  const found = fromTickAge(now) ?? told("high") ?? told("medium") ?? fromValues(now) ?? fromState(now) ?? told("low");
+  return found ?? { level: "good", text: "Good", detail: "depth and temperature within their limits" };
 }
 
 /** @returns {Verdict?} */
@@ -22,14 +19,12 @@ function fromTickAge(/** @type {Now} */ { tickAgeS }) {
   return (tickAgeS ?? 0) > TICK_AGE_S ? { level: "high", text: "No measurements", detail: `for ${fixed(tickAgeS, 1)} s` } : null;
 }
 
-function fromAlarms(/** @type {Priority} */ priority) {
-  /** @returns {Verdict?} */
-  return (/** @type {Now} */ _, /** @type {Alarm[]} */ present) => {
-    const first = present.find((alarm) => alarm.priority === priority);
-    if (!first) return null;
-    const [text, why] = first.text.split(/: (.*)/); // the cause is in smaller letters
-    return { level: priority, text, detail: [why, `${priority} alarm${present.length > 1 ? `, ${present.length - 1} more` : ""}`].filter(Boolean).join(" · ") };
-  };
+/** @param {Alarm[]} present @param {Priority} priority @returns {Verdict?} */
+function fromAlarms(present, priority) {
+  const first = present.find((alarm) => alarm.priority === priority);
+  if (!first) return null;
+  const [text, why] = first.text.split(/: (.*)/); // the cause is in smaller letters
+  return { level: priority, text, detail: [why, `${priority} alarm${present.length > 1 ? `, ${present.length - 1} more` : ""}`].filter(Boolean).join(" · ") };
 }
 
 /** @returns {Verdict?} */

@@ -1,5 +1,5 @@
 // The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
-import { el, setShort, svg } from "./dom.js";
+import { at, el, setShort, svg } from "./dom.js";
 import { fixed, known, SIGN, span } from "./format.js";
 import { judge, quantity } from "./quantities.js";
 
@@ -17,7 +17,6 @@ export class WeldMap {
 
   /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {Limits} limits @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
   constructor(root, names, limits, onMoment, told = span) {
-    this.root = root;
     this.limits = limits;
     this.onMoment = onMoment;
     this.told = told;
@@ -28,7 +27,7 @@ export class WeldMap {
     this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.tool);
     this.detail = el("span", { className: "detail" });
     this.marks = el("div", { className: "exceedances" });
-    const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg));
+    const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg / WAY_DEG));
     root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis));
     this.resizer = new ResizeObserver(() => this.draw());
     this.resizer.observe(root);
@@ -95,18 +94,11 @@ export class WeldMap {
     const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
     const sign = el("span", {}, SIGN[LEVELS[rank]], group.length > 1 ? String(group.length) : "");
-    const button = at(el("button", { type: "button", title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].worst.timeS) }, sign), deg);
-    button.dataset.level = LEVELS[rank];
-    return button;
+    const onclick = () => this.onMoment(group[next++ % group.length].worst.timeS);
+    return at(el("button", { type: "button", "data-level": LEVELS[rank], title: texts.join("\n"), "aria-label": texts.join("; "), onclick }, sign), deg / WAY_DEG);
   }
 
   destroy() {
     this.resizer.disconnect();
   }
-}
-
-/** @template {HTMLElement} Node @param {Node} node @param {number} deg */
-function at(node, deg) {
-  node.style.setProperty("--at", `${(100 * deg) / WAY_DEG}%`);
-  return node;
 }

@@ -143,7 +143,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
     for (int j = 0; j < N; j++) e->p[i][j] = 0.0;
-    const int is_estimated = i < FSW_DEPTH_RATE || t->walk[i] > 0.0; /* rates and gain only where they may change */
+    const int is_estimated = i < FSW_FORCE || t->walk[i] > 0.0; /* disturbances and gain only where they may change */
     if (is_estimated) e->p[i][i] = START_DEVIATION[i] * START_DEVIATION[i];
   }
   for (int k = 0; k < m->n_history; k++) {
