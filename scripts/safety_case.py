@@ -20,12 +20,20 @@ when a mark names an unknown requirement, or when a requirement belongs to no ha
 """
 
 
-def marked(paths: Iterable[Path] | None = None) -> dict[str, list[tuple[Path, str]]]:
-    """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``; by default the project's. Imports none."""
+def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, list[tuple[Path, str]]]:
+    """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``; by default the project's. Imports none.
+
+    Without ``full`` those are left out that only ``scripts/test.py --full`` runs.
+    """
     found: dict[str, list[tuple[Path, str]]] = {}
     for path in test_files() if paths is None else paths:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        text = path.read_text(encoding="utf-8")
+        if not full and re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE):
+            continue
+        for node in ast.walk(ast.parse(text, str(path))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                if not full and "pytest.mark.full" in map(ast.unparse, node.decorator_list):
+                    continue
                 for mark in node.decorator_list:
                     if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.requirement":
                         for one in mark.args:

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 _HERE = Path(__file__).resolve().parent
-_REAL_TIME = ("launch", "test_machine_chain.py", "test_hmi_page_graph.py", "test_hmi_live_demo.py")
+_REAL_TIME = (
+    "launch",
+    "test_machine_chain.py",
+    "test_machine_operator.py",
+    "test_hmi_page_graph.py",
+    "test_hmi_live_demo.py",
+)
 
 
 def pytest_collection_modifyitems(items):

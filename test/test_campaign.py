@@ -30,7 +30,7 @@ CAMPAIGN = {
     "name": "short",
     "scenario": {
         "name": "short",
-        "duration_s": 20.0,
+        "duration_s": 8.0,
         "events": [{"at_s": 2.0, "reference": {"depth_mm": 2.7}}],
     },
     "controllers": ["nmpc", "decentral:tight"],
@@ -205,7 +205,13 @@ def test_no_scheduler_is_one_line(monkeypatch, address):
 
 def test_simulate_records_a_bag_of_the_same_weld(tmp_path):
     out = tmp_path / "out"
-    options = ["--set", "events[0].reference.depth_mm=2.7", "--set", "duration_s=45.0", "--no-figures", "--bag"]
+    options = [
+        "--set",
+        "events[0].reference.depth_mm=2.7",
+        *("--set", "events[1].at_s=9.0", "--set", "events[2].at_s=14.0", "--set", "duration_s=20.0"),
+        "--no-figures",
+        "--bag",
+    ]
     assert main(["simulate", "quick", "--controller", "decentral:tight", *options, "--out", str(out)]) == 0
     (offline,) = json.loads((out / "kpi.json").read_text())
     bag = compute(cut_to_scenario(load_weld(out / "graph_decentral_tight" / "bag")))

@@ -143,13 +143,23 @@ def test_the_safety_case_is_whole(safety_case: ModuleType) -> None:
     assert safety_case.faults(requirements, safety_case.marked(), safety_case.PAGE.read_text(encoding="utf-8")) == []
 
 
+def test_each_requirement_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
+    requirements = yaml.safe_load(safety_case.REQUIREMENTS.read_text(encoding="utf-8"))
+    assert set(requirements) - set(safety_case.marked(full=False)) == set()
+
+
 def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "test_one.py"
     path.write_text(
         'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\ndef test_a(): ...\n'
         '@pytest.mark.requirement("S2")\nclass Machine: ...\n@pytest.mark.skip("S3")\ndef test_b(): ...\n'
+        '@pytest.mark.full\n@pytest.mark.requirement("S4")\ndef test_c(): ...\n'
     )
-    assert safety_case.marked([path]) == {"S1": [(path, "test_a")], "S2": [(path, "test_a"), (path, "Machine")]}
+    assert safety_case.marked([path])["S4"] == [(path, "test_c")]
+    assert safety_case.marked([path], full=False) == {
+        "S1": [(path, "test_a")],
+        "S2": [(path, "test_a"), (path, "Machine")],
+    }
 
 
 def test_gaps_in_the_safety_case_are_reported(safety_case: ModuleType) -> None:

@@ -39,7 +39,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         player = graph.start(launcher)
-        launcher.wait_until(lambda: player.status().get("tick", 0) >= 100, PATIENCE_S, "a hundred ticks")
+        launcher.wait_until(lambda: player.status().get("tick", 0) >= 30, PATIENCE_S, "thirty ticks")
         for child in launcher.children.values():
             for sign in signs:
                 child.process.send_signal(sign)
@@ -62,7 +62,7 @@ def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
         began = []
 
         def progress(share):
-            if share > 0.05 and not began:
+            if share > 0.01 and not began:
                 began.append(share)
                 launcher.children["plant"].process.kill()
 

@@ -15,7 +15,7 @@ from fsw_test_support.waiting import PATIENCE_S
 
 CLOSED = """
 name: everything
-duration_s: 45.0
+duration_s: 22.0
 controller: nmpc
 announced: true
 plant:
@@ -24,16 +24,16 @@ plant:
   model: {thermal_gain_c_per_kw: 1.1, depth_gain_mm_per_kn_s: 0.9}
 events:
   - {at_s: 1.0, reference: {depth_mm: 2.72}}
-  - {at_s: 3.0, reference: {temperature_c: 815.4, over_s: 5.0}}
-  - {at_s: 10.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
-  - {at_s: 12.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 3.0}}
-  - {at_s: 14.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 10.0}}
-  - {at_s: 15.0, reference: {sine: {depth_mm: 0.02, temperature_c: 1.0, period_s: 8.0}}}
-  - {at_s: 20.0, fault: {sensor: torque, kind: nan, duration_s: 0.2}}
-  - {at_s: 22.0, fault: {sensor: thermocouple, kind: bias, magnitude_c: 1.5, duration_s: 3.0}}
-  - {at_s: 26.0, fault: {sensor: depth, kind: spike, magnitude_mm: 2.0}}
-  - {at_s: 30.0, reference: {depth_mm: 2.66}}
-  - {at_s: 30.0, disturbance: {channel: spindle_speed, shape: pulse, amplitude_rpm: 5.0, duration_s: 2.0}}
+  - {at_s: 2.0, reference: {temperature_c: 815.4, over_s: 2.5}}
+  - {at_s: 5.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
+  - {at_s: 6.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 1.5}}
+  - {at_s: 7.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 5.0}}
+  - {at_s: 7.5, reference: {sine: {depth_mm: 0.02, temperature_c: 1.0, period_s: 4.0}}}
+  - {at_s: 10.0, fault: {sensor: torque, kind: nan, duration_s: 0.2}}
+  - {at_s: 11.0, fault: {sensor: thermocouple, kind: bias, magnitude_c: 1.5, duration_s: 1.5}}
+  - {at_s: 13.0, fault: {sensor: depth, kind: spike, magnitude_mm: 2.0}}
+  - {at_s: 15.0, reference: {depth_mm: 2.66}}
+  - {at_s: 15.0, disturbance: {channel: spindle_speed, shape: pulse, amplitude_rpm: 5.0, duration_s: 1.0}}
 """
 OPEN = """
 name: steps
@@ -47,17 +47,17 @@ events:
 """
 FALLBACK = """
 name: fallback
-duration_s: 30.0
+duration_s: 19.0
 controller: nmpc
 plant: {seed: 5}
 events:
   - {at_s: 1.0, reference: {depth_mm: 2.72}}
   - {at_s: 2.0, switch: decentral}
   - {at_s: 3.0, switch: nmpc}
-  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
-  - {at_s: 12.0, switch: nmpc}
-  - {at_s: 20.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
-  - {at_s: 22.0, fault: {sensor: depth, kind: nan, duration_s: 5.0}}
+  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 3.0}}
+  - {at_s: 9.0, switch: nmpc}
+  - {at_s: 12.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
+  - {at_s: 14.0, fault: {sensor: depth, kind: nan, duration_s: 3.0}}
 """
 ALONE = """
 name: alone

@@ -11,10 +11,16 @@ from fsw_test_support.page_boxes import faults, places
 from fsw_test_support.page_steps import in_control, press, ready, settled, until
 
 #: phone, tablet upright and across, panel computer, control room
-SIZES = [(390, 844), (768, 1024), (1024, 768), (1280, 800), (1920, 1080)]
+PHONE, PANEL = (390, 844), (1280, 800)
+SIZES = [PHONE, (768, 1024), (1024, 768), PANEL, (1920, 1080)]
 
 
-@pytest.mark.parametrize("size", SIZES, ids="{0[0]}x{0[1]}".format)
+def by_default(*sizes):
+    """All sizes, of which only these are tested without ``--full``."""
+    return [pytest.param(size, marks=[] if size in sizes else pytest.mark.full) for size in SIZES]
+
+
+@pytest.mark.parametrize("size", by_default(*SIZES[:2], PANEL), ids="{0[0]}x{0[1]}".format)
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
     fake.state["reason"] = (
@@ -60,7 +66,7 @@ def test_six_alarms_are_in_view_on_a_panel_computer(fake, open_page):
     assert gone.bounding_box()["height"] < 25  # one line
 
 
-@pytest.mark.parametrize("size", SIZES[1:], ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("size", by_default(PANEL)[1:], ids="{0[0]}x{0[1]}".format)
 def test_nothing_moves_when_a_state_changes(fake, open_page, size):
     page = ready(open_page(fake.url, *size))
     page.evaluate("document.fonts.ready")
@@ -107,7 +113,7 @@ CUT_LINES = """(() => {
 })()"""
 
 
-@pytest.mark.parametrize("size", SIZES, ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("size", by_default(PHONE, PANEL), ids="{0[0]}x{0[1]}".format)
 def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page, size):
     page = ready(open_page(fake.url, *size))
     lists = page.locator("#controllers .scroll")
@@ -129,7 +135,7 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
 
 @pytest.mark.parametrize("what", ["good", "phone", "alarms", "form", "bag"])
 def test_accessible_by_axe(fake, bags, open_page, axe, what):
-    page = open_page(bags.url if what == "bag" else fake.url, *(SIZES[0] if what == "phone" else SIZES[3]))
+    page = open_page(bags.url if what == "bag" else fake.url, *(PHONE if what == "phone" else PANEL))
     if what == "bag":
         expect(page.locator("#play")).to_be_visible()
     else:

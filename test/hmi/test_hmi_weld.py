@@ -166,15 +166,15 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
     page = weld.start_weld(lockstep=True)
     weld.until(lambda: weld.commands and weld.mode() == "auto", "control")
     transitions = weld.states[-1].transitions
-    answer = page.ask("set_reference", depth_mm=2.66, temperature_c=850.4, ramp=True)
+    answer = page.ask("set_reference", depth_mm=2.66, temperature_c=826.4, ramp=True)
     assert answer["outcome"] == "done", answer
     weld.launcher.children["hmi"].process.send_signal(signal.SIGKILL)
-    goal = Reference(2.66, 850.4)
+    goal = Reference(2.66, 826.4)
     weld.until(lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp")
     assert weld.unanswered_ticks() == 0
     weld.serve()  # again
     with Page(weld.url) as reloaded:
-        reloaded.until("tick", lambda _: reloaded.value("reference_temperature_c") == 850.4)
+        reloaded.until("tick", lambda _: reloaded.value("reference_temperature_c") == 826.4)
     count = len(weld.commands)
     weld.until(lambda: len(weld.commands) > count + 5, "more commands")
     assert (weld.mode(), weld.states[-1].transitions) == ("auto", transitions)

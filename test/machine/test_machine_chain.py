@@ -2,155 +2,17 @@
 
 import itertools
 import signal
-import sys
-from importlib import resources
 from math import isnan
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 from machine_weld import GRAPH, MachineWeld
 
-from fsw_control import weld as weld_numbers
-from fsw_control.free_domain import free_domain
-from fsw_control.parameters import defaults, load
-from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.watch_ros import Watch
-from fsw_msgs.msg import WeldCommand
 from fsw_scenario.launcher import Launcher
-from fsw_test_support import machine_server
-from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
+from fsw_test_support.machine import free_port, write_machine_file
 from fsw_test_support.ros_graph import domain_id
 from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id"]
-
-OTHER_UNITS = {
-    "depth": "m",
-    "torque": "kN m",
-    "temperature": "K",
-    **dict.fromkeys(("force_acting", "force_in_force", "force_setpoint"), "N"),
-    **dict.fromkeys(("speed_acting", "speed_in_force", "speed_setpoint"), "rad/s"),
-}
-#: the machine's watchdog acts after 1.5 s, and its safe state is so near that the weld survives it many times
-WATCHDOG = {"watchdog.hold_s": 0.5, "watchdog.safe_force_kn": 77.0}
-
-
-@pytest.fixture(scope="module")
-def shipped_text():
-    return (resources.files("fsw_machine") / "machine.yaml").read_text()
-
-
-@pytest.fixture(scope="module")
-def secured(tmp_path_factory, shipped_text):
-    """Machine file parts with certificates, a user and other units."""
-    folder = tmp_path_factory.mktemp("certificates")
-    machine_server.make_certificates(folder)
-    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
-    (folder / "password").touch(0o600)
-    (folder / "password").write_text("stir")
-    security = {"policy": "Basic256Sha256"} | {key: str(folder / name) for key, name in names.items()}
-    units = {f"nodes__{name}__unit": unit for name, unit in OTHER_UNITS.items()}
-    return folder, {"security": security, "user": {"name": "fsw", "password_file": str(folder / "password")}} | units
-
-
-@pytest.fixture(scope="module")
-def chain(tmp_path_factory, shipped_text, secured):
-    """Everything, with security and SI units, and a proxy between gateway and machine."""
-    folder = tmp_path_factory.mktemp("weld")
-    keys, parts = secured
-    port = free_port()
-    machine = RunningMachine(
-        write_machine_file(folder / "server.yaml", port, shipped_text, **parts), keys / "server_key.pem"
-    )
-    proxy = Proxy(port)
-    file = write_machine_file(folder / "machine.yaml", proxy.port, shipped_text, **parts)
-    with free_domain() as domain, Launcher(folder / "log", domain, PATIENCE_S) as launcher:
-        weld = MachineWeld(domain, launcher, machine, file)
-        weld.proxy = proxy
-        weld.start(*GRAPH)
-        yield weld
-        weld.close()
-        codes = launcher.stop()
-        proxy.stop()
-        machine.stop()
-        assert set(codes.values()) == {0}, codes
-
-
-@pytest.fixture
-def weld(chain):
-    """The chain with all parts running; afterwards no command has been a bump."""
-    for name in GRAPH:
-        if not chain.launcher.children[name].running:
-            chain.start(name)
-    chain.runs()
-    chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 15.0, "the process to settle")
-    first = len(chain.taken())
-    yield chain
-    chain.runs(more=3)
-    chain.assert_no_bump(first)
-
-
-@pytest.fixture(scope="module")
-def desk(chain):
-    """The alarms of the operator's page, in this graph."""
-    watch = Watch(chain.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
-    return AlarmDesk(chain.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__)
-
-
-def until_alarm(weld, desk, name, state, text=""):
-    """Judge until the operator's page shows an alarm, in a state and with a text."""
-
-    def is_so():
-        desk.judge()
-        entry = desk.list.entries.get(name)
-        return entry is not None and entry.state == state and text in entry.alarm.text
-
-    weld.until(is_so, f"{name} {state}")
-
-
-def until_reached(weld, desk):
-    """Judge until the operator's page says that commands reach the machine, which no alarm then denies."""
-
-    def is_so():
-        desk.judge()
-        return desk.frame()["reach"]["ok"]
-
-    weld.until(is_so, "commands to reach the machine")
-
-
-@pytest.mark.requirement("S17")
-def test_operator_is_told_that_commands_do_not_reach_the_machine_and_why(weld, desk):
-    until_reached(weld, desk)
-    weld.machine.do(lambda server: setattr(server, "permissive", False))
-    until_alarm(weld, desk, "machine", "active", "Commands do not reach the machine: it does not permit them")
-    assert desk.frame()["reach"]["ok"] is False
-    weld.machine.do(lambda server: setattr(server, "permissive", True))
-    until_alarm(weld, desk, "machine", "cleared")
-    weld.proxy.cut()
-    weld.proxy.stall()
-    until_alarm(weld, desk, "machine", "active", "Commands do not reach the machine: ")
-    assert "permit" not in desk.list.entries["machine"].alarm.text
-    weld.proxy.flow()
-    until_alarm(weld, desk, "machine", "cleared")
-    weld.runs()
-    until_reached(weld, desk)
-
-
-@pytest.mark.requirement("S17")
-def test_operator_is_told_of_a_foreign_writer(weld, desk):
-    rogue = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
-
-    def command():
-        rogue.publish(WeldCommand(header=weld.depths[-1].header, source="rogue", healthy=True))
-
-    timer = weld.node.create_timer(0.1, command)  # supervisor and gateway hear it once they have found it
-    until_alarm(weld, desk, "foreign", "active")
-    weld.node.destroy_timer(timer)
-    weld.node.destroy_publisher(rogue)
-    until_alarm(weld, desk, "foreign", "cleared")
 
 
 def test_it_welds(weld):

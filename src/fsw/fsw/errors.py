@@ -10,7 +10,7 @@ from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_identification.weld_data import IdentificationError
+from fsw_identification.errors import IdentificationError
 from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError

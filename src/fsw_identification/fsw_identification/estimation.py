@@ -14,10 +14,11 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
+from fsw_identification.errors import IdentificationError
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS
 from fsw_identification.statistics import CORRELATED, long_run_factor
-from fsw_identification.weld_data import IdentificationError, Segment
+from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
 
 #: a parameter with a larger relative standard deviation is not identifiable

@@ -6,7 +6,8 @@ import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
-from fsw_identification.weld_data import IdentificationError, prepare
+from fsw_identification.errors import IdentificationError
+from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
 
 _NAMES = ("friction_constant_nm", "friction_linear_nm_per_rpm", "friction_quadratic_nm_per_rpm2")

@@ -14,6 +14,7 @@ from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
+from fsw_identification.errors import IdentificationError
 
 #: a longer gap in the data ends a segment [s]
 _LONGEST_GAP_S = 2.0
@@ -21,10 +22,6 @@ _LONGEST_GAP_S = 2.0
 _SHORTEST_S = 30.0
 #: order of the columns of ``measured``
 _COLUMNS = ("depth", "thermocouple", "torque")
-
-
-class IdentificationError(ValueError):
-    """Nothing can be identified from these data; the message says why and what to do."""
 
 
 @dataclass(frozen=True, slots=True)

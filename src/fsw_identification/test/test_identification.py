@@ -9,10 +9,11 @@ import pytest
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_identification import disturbed, estimation, model_file, report, statistics, summary
 from fsw_identification.elimination import knots
+from fsw_identification.errors import IdentificationError
 from fsw_identification.friction import from_air
 from fsw_identification.problem import HEAT
 from fsw_identification.simulation import DEPTH, KNOT_TICKS, Knowledge, driven, heated, respond, shown, walks
-from fsw_identification.weld_data import IdentificationError, Segment, prepare
+from fsw_identification.weld_data import Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
 
 NOISE = (0.002, 0.1, 2.0)
