@@ -199,7 +199,7 @@ class AlarmRules:
         for name in SENSORS:
             why = now.sensor_reasons.get(name, "good")
             if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and why == "good":
-                why = "missing"
+                why = "unusable"
             fault = why.removesuffix(", held")
             if fault == "good":
                 self._faults.pop(name, None)
@@ -247,7 +247,9 @@ class AlarmRules:
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            return self._failover(actual, target, why, found)
+            own = next((one["reason"] for one in state["controllers"] if one["name"] == target), "")
+            # a reason that is about who commands now says nothing of whom it stands in for
+            return self._failover(actual, target, own if why.startswith(f"{actual} ") else why, found)
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""

@@ -161,6 +161,13 @@ def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_th
     assert after == "decentral commands in place of nmpc: (a)"
 
 
+def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that_the_other_is_there(rules):
+    waiting = controller(ready=False, reason="nmpc: 3 of 5 good proposals in a row")
+    begun = state(actual_controller="decentral", reason="decentral is configured", controllers=[waiting])
+    found = rules.present(situation(state=begun), 0.0)
+    assert found["failover"].text == "decentral commands in place of nmpc: 3 of 5 good proposals in a row"
+
+
 def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
     listed = AlarmList(lambda count: Alarm("", "", "", "low"))
 

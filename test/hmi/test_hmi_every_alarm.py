@@ -1,0 +1,321 @@
+"""Every alarm of the page at a real graph: raised, shelved, taken back, cleared, raised again, acknowledged."""
+
+import signal
+from functools import partial
+from importlib.resources import files
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Command
+from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED
+from fsw_msgs.msg import AlarmEvent, WeldCommand
+from fsw_scenario.graph import STANDBY
+from fsw_scenario.launcher import Launcher
+from fsw_schema.yaml_text import load_yaml
+from fsw_test_support.page_client import Page
+from fsw_test_support.patient_weld import PATIENT_ARGUMENTS
+from fsw_test_support.ros_graph import Spinner
+from fsw_test_support.waiting import wait_for_text
+
+pytestmark = [pytest.mark.real_time, pytest.mark.full]
+
+#: what is cold after a stop is no further cause to stop; an NMPC that cannot heat as it may be asked to
+COLD_IS_FINE = ["-p", "interlocks.temperature_low.warn:=310.0", "-p", "interlocks.temperature_low.trip:=300.0"]
+SLOW_SPINDLE = ["--ros-args", "-p", "speed_max:=415.0"]
+SOON = ["-p", "deviation_persistence_s:=0.3", "-p", "quality_persistence_s:=0.3", "-p", "request_timeout_s:=60.0"]
+SUPERVISOR = "fsw_supervisor.supervisor_node"
+PARTS = {
+    "decentral": ("fsw_decentral.decentral_node", []),
+    "nmpc": ("fsw_nmpc.nmpc_node", SLOW_SPINDLE),
+    "supervisor": (SUPERVISOR, ["--ros-args", *PATIENT_ARGUMENTS, *COLD_IS_FINE]),
+    "plant": ("fsw_plant.plant_node", []),
+    "standby": (
+        SUPERVISOR,
+        ["--ros-args", "-r", f"__node:={STANDBY}", "-p", "standby:=true", *PATIENT_ARGUMENTS, *COLD_IS_FINE],
+    ),
+    "other_page": ("fsw_hmi.main", ["--port", "0"]),
+}
+#: what an interlock warns of is there when its limit is on the wrong side of the weld's values
+WRONG = {
+    "temperature_low": 905.0,
+    "temperature_high": 700.0,
+    "depth_high": 2.0,
+    "force_high": 40.0,
+    "torque_high": 500.0,
+    "power_high": 20.0,
+}
+DEFAULTS = load_yaml(files("fsw_supervisor").joinpath("supervisor.yaml").read_text(encoding="utf-8"))
+USUAL = {
+    name: {level: DEFAULTS[f"interlocks.{name}.{level}"]["default_value"] for level in ("warn", "trip")}
+    for name in WRONG
+} | {"temperature_low": {"warn": 310.0, "trip": 300.0}}
+DEPTH_MM, TEMPERATURE_C = 2.66, 816.4
+
+
+class AlarmWeld(Spinner):
+    """A weld in processes, a page in control of it, and the journal of alarms."""
+
+    def __init__(self, domain, launcher):
+        self.launcher, self.journal = launcher, []
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        super().__init__(self.context)
+        self.node = node = rclpy.create_node("bystander", context=self.context)
+        self.executor.add_node(node)
+        node.create_subscription(AlarmEvent, "fsw/alarms", self.journal.append, LATCHED)
+        self.diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 100)
+        self.parameters = node.create_client(SetParametersAtomically, "fsw_supervisor/set_parameters_atomically")
+        self.commands = None
+        launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", *SOON])
+        url = wait_for_text(launcher, "hmi", r"http://\S+")
+        self.page = Page(url).command(wait_for_text(launcher, "hmi", r"token: \S+").split()[1])
+
+    def close(self):
+        self.page.socket.socket.close()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    # ---- what is done
+
+    def start(self, *names):
+        for name in names:
+            self.launcher.start(name, *PARTS[name])
+
+    def signal(self, number, *names):
+        for name in names:
+            self.launcher.children[name].process.send_signal(number)
+
+    def kill(self, name):
+        self.signal(signal.SIGKILL, name)
+        self.launcher.children[name].process.wait()
+
+    def ask(self, do, **content):
+        answer = self.page.ask(do, **content)
+        assert answer["outcome"] == "done", answer
+
+    def weld(self):
+        """Start all parts of a weld, and wait until it is under way, commanded by the NMPC."""
+        self.start("decentral", "nmpc", "supervisor", "plant")
+        self.page.until("tick")
+        self.page.seen("state", lambda frame: "no set-point yet" in frame["reason"])  # a controller waits for them
+        self.refer()
+        self.until_auto()
+        if self.page.frames["state"]["actual_controller"] != "nmpc":
+            self.ask("switch", controller="nmpc", wait_s=10)
+        self.until_auto("nmpc")
+        return self
+
+    def refer(self, temperature_c=TEMPERATURE_C, depth_mm=DEPTH_MM):
+        self.ask("set_reference", depth_mm=depth_mm, temperature_c=temperature_c)
+
+    def until_auto(self, controller=""):
+        self.page.seen(
+            "state",
+            lambda frame: frame["actual_mode"] == "auto" and controller in ("", frame["actual_controller"]),
+        )
+
+    def limit(self, name, **levels):
+        """Set the levels of an interlock; by default the usual ones."""
+        values = {f"interlocks.{name}.{level}": value for level, value in ({**USUAL[name], **levels}).items()}
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+        )
+        result = self.call(self.parameters, request).result
+        assert result.successful, result.reason
+
+    def acknowledge_stop(self):
+        self.ask("acknowledge_stop")
+        self.ask("mode", mode="auto")
+        self.until_auto()
+
+    def tell(self, level, text, *nodes):
+        """Diagnostics of nodes that are not there."""
+        status = [
+            DiagnosticStatus(name=f"{node}: part", level=level, message=text, hardware_id="test") for node in nodes
+        ]
+        self.diagnostics.publish(DiagnosticArray(status=status))
+
+    def interfere(self):
+        """A command of another node."""
+        self.commands = self.node.create_publisher(WeldCommand, "fsw/command", 10)
+        self.until(lambda: self.commands.get_subscription_count() >= 4, "all who hear commands")
+        self.commands.publish(convert.command_message(Command(78.0, 400.0), 0, "stranger"))
+
+    def leave(self):
+        self.node.destroy_publisher(self.commands)
+
+    # ---- what is seen
+
+    def alarm(self, name, state, text=""):
+        """Wait until an alarm is in a state (``""``: gone) and says a text; returns its row."""
+
+        def row(frame):
+            return next((one for one in frame["alarms"] if one["id"] == name), None)
+
+        def is_it(frame):
+            one = row(frame) or {"state": "", "text": ""}
+            return one["state"] == state and text in one["text"]
+
+        return row(self.page.seen("alarms", is_it))
+
+    def cycle(self, name, start, end, text=""):
+        """Raise, shelve, take back, clear, raise again, acknowledge and clear an alarm."""
+        start()
+        raised = self.alarm(name, "active", text)
+        shelved = self.page.ask("shelve", alarm=name, minutes=5, reason="test")
+        if raised["priority"] == "high":
+            assert "cannot be shelved" in shelved["message"]
+        else:
+            assert shelved["outcome"] == "done", shelved
+            self.alarm(name, "shelved")
+            self.ask("unshelve", alarm=name)
+            self.alarm(name, "active")
+        end()
+        self.alarm(name, "cleared")
+        start()
+        assert self.alarm(name, "active", text)["count"] == raised["count"] + 1
+        self.ask("acknowledge", ids=[name])
+        self.alarm(name, "acknowledged")
+        end()
+        self.alarm(name, "")
+        seen = ["raised" if raised["count"] == 1 else "re-raised", "cleared", "re-raised", "acknowledged", "cleared"]
+        shelf = [] if raised["priority"] == "high" else ["shelved", "unshelved"]
+        expected = [*seen[:1], *shelf, *seen[1:]]
+        self.until(lambda: self.told(name)[-len(expected) :] == expected, f"the journal of {name}")
+
+    def told(self, name):
+        return [one.event for one in self.journal if one.id == name]
+
+    def seen(self):
+        return f"journal: {[(one.id, one.event) for one in self.journal]}"
+
+
+@pytest.fixture
+def graph(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        one = AlarmWeld(domain, launcher)
+        yield one
+        one.close()
+
+
+def test_alarms_of_the_process(graph):
+    weld = graph.weld()
+
+    def fault(kind, magnitude=0.0, sensor="thermocouple"):
+        return lambda: weld.ask("fault", sensor=sensor, kind=kind, magnitude=magnitude)
+
+    def disturb(channel, shape, amplitude=0.0):
+        return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
+
+    weld.cycle("sensor:torque", fault("nan", sensor="torque"), fault("none", sensor="torque"), "its value is no number")
+    weld.cycle("deviation:depth_mm", disturb("depth", "step", 0.5), disturb("depth", "none"), "Depth off")
+    weld.cycle("deviation:temperature_c", fault("bias", -30.0), fault("none"), "Temperature off")
+    weld.cycle("quality_temperature", fault("bias", -30.0), fault("none"), "outside 790 to 910")
+    for value, channel, amplitude in (("force_kn", "axial_force", 10.0), ("speed_rpm", "spindle_speed", 40.0)):
+        weld.cycle(
+            f"deviation:{value}", disturb(channel, "step", amplitude), disturb(channel, "none"), "does not follow"
+        )
+    weld.cycle("out_of_reach", lambda: weld.refer(860.0), weld.refer, "860 °C asked")
+    for name, wrong in WRONG.items():
+        weld.cycle(f"interlock:{name}", partial(weld.limit, name, warn=wrong), partial(weld.limit, name), ": warning")
+
+
+def test_alarms_of_stops(graph):
+    weld = graph.weld()
+
+    def trip(name):
+        sooner = 0.1 if name == "temperature_low" else -0.1
+        weld.limit(name, warn=WRONG[name] + sooner, trip=WRONG[name])
+        weld.alarm("safe_stop", "active")
+
+    def go_on(name):
+        weld.limit(name)
+        weld.page.seen("state", lambda frame: not frame["interlocks"])
+        weld.acknowledge_stop()
+
+    weld.cycle("safe_stop", partial(weld.ask, "safe_stop"), weld.acknowledge_stop, "Safe stop: ")
+    for name in WRONG:
+        weld.cycle(f"interlock:{name}", partial(trip, name), partial(go_on, name), ": tripped")
+
+
+def thawed(weld, *names):
+    weld.signal(signal.SIGCONT, *names)
+    weld.page.seen("state", lambda frame: all(one["ready"] for one in frame["controllers"]))
+    weld.until_auto()
+
+
+def test_alarm_of_a_failover(graph):
+    weld = graph.weld()
+    weld.page.seen("alarms", lambda frame: "active" not in {one["state"] for one in frame["alarms"]})
+    text = "decentral commands in place of nmpc: no proposal at the deadline"
+    weld.cycle("failover", partial(weld.signal, signal.SIGSTOP, "nmpc"), partial(thawed, weld, "nmpc"), text)
+
+
+def test_alarm_of_a_command_that_is_held(graph):
+    weld, everybody = graph.weld(), ("nmpc", "decentral")
+    weld.cycle("hold", partial(weld.signal, signal.SIGSTOP, *everybody), partial(thawed, weld, *everybody), "held: ")
+
+
+def test_alarm_of_a_controller_that_is_inhibited(graph):
+    weld = graph.weld()
+
+    def fail():
+        weld.signal(signal.SIGSTOP, "nmpc")
+        weld.page.seen("state", lambda frame: frame["actual_controller"] == "decentral")
+        weld.ask("switch", controller="decentral", wait_s=0)
+
+    def go_back():
+        thawed(weld, "nmpc")
+        weld.ask("switch", controller="nmpc", wait_s=10)
+        weld.until_auto("nmpc")
+
+    weld.cycle("controller:nmpc", fail, go_back, "Controller nmpc is inhibited: no proposal at the deadline")
+
+
+def test_alarm_of_a_controller_that_is_not_ready(graph):
+    weld = graph.weld()
+    weld.ask("switch", controller="decentral", wait_s=10)
+    weld.until_auto("decentral")
+    freeze = partial(weld.signal, signal.SIGSTOP, "nmpc")
+    weld.cycle("controller:nmpc", freeze, partial(thawed, weld, "nmpc"), "Controller nmpc is not ready: ")
+
+
+def test_alarms_of_nodes(graph):
+    weld = graph.weld()
+    weld.start("standby")
+
+    def standby():
+        if not weld.launcher.children["standby"].running:
+            weld.start("standby")
+        weld.page.seen("state", lambda frame: ("fsw_supervisor: standby", "ok") in parts(frame))
+
+    standby()
+    weld.cycle("standby", partial(weld.kill, "standby"), standby)
+    weld.cycle("foreign", weld.interfere, weld.leave)
+    odd, many = "fsw_odd", [f"odd_{number}" for number in range(40)]
+    error = partial(weld.tell, DiagnosticStatus.ERROR, "the disk is full")
+    fine = partial(weld.tell, DiagnosticStatus.OK, "")
+    weld.cycle(f"part:{odd}", partial(error, odd), partial(fine, odd), "the disk is full")
+    weld.cycle(f"node:{odd}", lambda: None, partial(fine, odd), "no longer reports")
+    weld.cycle("flood", partial(error, *many), partial(fine, *many), "further alarms")
+    weld.cycle("other_page", partial(weld.start, "other_page"), partial(weld.launcher.stop, "other_page"))
+    weld.kill("standby")
+
+    def start(name):
+        weld.start(name)
+        weld.until_auto()
+
+    weld.cycle("supervisor", partial(weld.kill, "supervisor"), partial(start, "supervisor"))
+    weld.cycle("measurements", partial(weld.kill, "plant"), partial(weld.start, "plant"))
+
+
+def parts(frame):
+    return {(one["name"], one["level"]) for one in frame["parts"]}
