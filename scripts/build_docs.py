@@ -44,6 +44,7 @@ from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_quality.procedure import Procedure
+from fsw_quality.record import Record
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
@@ -226,8 +227,8 @@ def scenarios() -> dict[str, str]:
 def procedures() -> dict[str, str]:
     """A page of the keys of procedure files."""
     lines = [
-        "What a weld must keep, as data; how it is used: [The record of a weld](../how-to/record.md). The same as a JSON "
-        "Schema, for editors: [procedure.schema.json](procedure.schema.json).",
+        "What a weld must keep, as data; how it is used: [The record of a weld](../how-to/record.md). The same as a "
+        "JSON Schema, for editors: [procedure.schema.json](procedure.schema.json).",
         *model_tables(Procedure),
     ]
     return {"procedures": page("Procedure files", *lines)}
@@ -240,6 +241,7 @@ def json_schemas() -> dict[str, str]:
         "campaign": Campaign,
         "machine": MachineFile,
         "procedure": Procedure,
+        "record": Record,
         "model": ModelParameters,
         "tuning": Tuning,
     }

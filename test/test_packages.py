@@ -96,6 +96,7 @@ OPTIONAL = {
     "skfem",
     "meshio",
     "threadpoolctl",
+    "fpdf",
 }
 
 

@@ -21,8 +21,8 @@ def add_command(commands: Any) -> None:
         "record",
         help="record of a weld for who signs for it: verdict, rules, exceedances, figures",
         description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-        "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld has a "
-        "record, too.",
+        "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
+        "has a record, too.",
     )
     parser.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
     parser.add_argument("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from fsw_analysis.weld_signals import FloatArray, TextArray, WeldSignals
 from fsw_control.units import kw_from_w, rad_s_from_rpm
@@ -13,8 +14,8 @@ from fsw_control.weld import TICK_S
 
 #: ticks that are put into one gap, so that a damaged stamp does not fill the memory
 _MOST_IN_A_GAP = 600
-#: reports of the tool's position that are further apart mean that it stood; they come each second
-_STANDS_S = 2.5
+#: time over which the traverse speed is taken
+_APART_S = 5.0
 _OVER = ("weld done", "weld aborted")
 
 
@@ -102,17 +103,38 @@ def course_of(signals: WeldSignals) -> Course:
 
 
 def _travel(signals: WeldSignals) -> tuple[FloatArray, FloatArray]:
-    """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from reports that come each second."""
+    """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
+
+    They come each second and when the tool starts or stops. The stamp of a report is up to a tick off the position that
+    it tells, 10 % of a second's travel, so the speed is taken over some seconds between two of them.
+    """
     known = np.flatnonzero(np.isfinite(signals.travel_mm))
     if not known.size:
         return signals.travel_mm, signals.travel_mm
-    new = known[np.flatnonzero(np.diff(signals.travel_mm[known], prepend=np.nan) != 0.0)]
-    at_s, at_mm = signals.time_s[new], signals.travel_mm[new]
-    if new.size < 2:
-        return signals.travel_mm, np.where(np.isfinite(signals.travel_mm), 0.0, np.nan)
-    steps_s = np.diff(at_s)
-    speed = np.append(np.where(steps_s > _STANDS_S, 0.0, 60.0 * np.diff(at_mm) / steps_s), 0.0)
+    changed_s = [begin_s for _, begin_s in signals.phases] + [
+        one.time_s for one in signals.events if one.kind == "weld"
+    ]
+    turns = np.clip(np.searchsorted(signals.time_s, np.array(changed_s) - 1e-6), known[0], known[-1])
+    moved = known[np.diff(signals.travel_mm[known], prepend=np.nan) != 0.0]
+    reports = np.unique([*moved, *turns, known[-1]])
+    rows = _apart(signals.time_s[reports], np.isin(reports, turns))
+    at_s, at_mm = signals.time_s[reports][rows], signals.travel_mm[reports][rows]
+    speed = np.append(np.diff(at_mm) / np.diff(at_s), 0.0)  # mm/s
+    speed[-1] = speed[-2:][0]  # the last sample belongs to what was before it
     row = np.searchsorted(at_s, signals.time_s, side="right") - 1
     inside = np.isfinite(signals.travel_mm)
-    at = at_mm[row] + speed[row] / 60.0 * (signals.time_s - at_s[row])
-    return np.where(inside, at, np.nan), np.where(inside, speed[row], np.nan)
+    at = at_mm[row] + speed[row] * (signals.time_s - at_s[row])
+    return np.where(inside, at, np.nan), np.where(inside, 60.0 * speed[row], np.nan)
+
+
+def _apart(reports_s: FloatArray, fixed: npt.NDArray[np.bool_]) -> list[int]:
+    """The reports that are taken: the first, the last, those that are fixed, and between them some that are apart."""
+    rows, last = [0], reports_s.size - 1
+    for row in range(1, last + 1):
+        if fixed[row] or row == last:
+            if len(rows) > 1 and not fixed[rows[-1]] and reports_s[row] - reports_s[rows[-1]] < 0.5 * _APART_S:
+                rows.pop()
+            rows.append(row)
+        elif reports_s[row] - reports_s[rows[-1]] >= _APART_S:
+            rows.append(row)
+    return rows

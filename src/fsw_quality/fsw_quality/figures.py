@@ -96,18 +96,16 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
             angles = course.angle_deg[ticks][np.isfinite(course.angle_deg[ticks])]
             if name and angles.size:
                 axis.axvline(angles[0], color="0.6", linewidth=0.8)
-                if angles[-1] - angles[0] > 0.02 * end:
+                if angles[-1] - angles[0] > 0.01 * end:
                     axis.annotate(
-                        name, (angles[0], 1.01), xycoords=("data", "axes fraction"), fontsize=7.0, rotation=30
+                        name, (angles[0], 1.01), xycoords=("data", "axes fraction"), fontsize=7.0, rotation=90
                     )
         axis.set_yticks(range(len(rows)), rows, fontsize=8.0)
         axis.set_ylim(len(rows) - 0.4, -0.6)
         axis.set_xlim(0.0, end)
         axis.set_xticks(np.arange(0.0, end + 1.0, 30.0))
-        axis.set_xlabel("angle about the canister [deg]")
-        per_deg = procedure.geometry.diameter_mm * np.pi / 360.0
-        second = axis.secondary_xaxis(-0.32, functions=(lambda deg: deg * per_deg, lambda mm: mm / per_deg))
-        second.set_xlabel("along the joint line [mm]")
+        arc_mm = 30.0 * procedure.geometry.diameter_mm * np.pi / 360.0
+        axis.set_xlabel(f"angle about the canister [deg]; 30 deg are {arc_mm:.0f} mm of the joint line")
         handles = [Patch(label=f"{kind.replace('_', '-')} limit left", **style) for kind, style in _MARKS.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.0)
         return _png(figure)

@@ -155,14 +155,20 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     Raises
     ------
     fsw_recorder.errors.BagError
-        There is no bag, it cannot be read, or what it holds is no weld.
+        There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
     """
     signals = load_weld(bag, progress)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
-    if np.isfinite(np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])).sum() == 0:
+    sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
+    if not np.isfinite(sensors).any():
+        raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")
+    wanted, names = [one.name for one in procedure.phases], [name for name, _ in signals.phases]
+    if not set(wanted) & set(names):
+        actual = f"it has {', '.join(names)}" if names else "no phase is on /fsw/weld_progress"
         raise BagError(
-            f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque, /fsw/thermocouple"
+            f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
+            "with a programme, or its own procedure"
         )
     return assemble(signals, procedure, custom, _files(bag))
 

@@ -57,7 +57,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
 
 
 def _pdf(body: str, title: str) -> bytes:
-    from fpdf import FPDF  # of the extra
+    from fpdf import FPDF, TextStyle  # of the extra
 
     class Pages(FPDF):
         def footer(self) -> None:
@@ -72,5 +72,16 @@ def _pdf(body: str, title: str) -> bytes:
     pages.set_font("DejaVu", size=7.5)
     pages.set_title(title)
     pages.add_page()
-    pages.write_html(body, font_family="DejaVu", table_line_separators=True)
+    heads = {
+        f"h{level}": TextStyle(color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3)
+        for level, size in ((1, 20), (2, 11))
+    }
+    pages.write_html(
+        body,
+        font_family="DejaVu",
+        table_line_separators=True,
+        li_prefix_color="#000000",
+        ul_bullet_char="–",
+        tag_styles=heads,
+    )
     return bytes(pages.output())

@@ -15,7 +15,7 @@ from fsw_schema.models import InputError
 
 
 def content() -> dict[str, Any]:
-    values: dict[str, Any] = procedure.load("canister_copper").model_dump(mode="json", exclude_none=True)
+    values: dict[str, Any] = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
     return values
 
 
@@ -56,14 +56,14 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, path: str, value:
 
 
 def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
-    one, values = procedure.load("canister_copper"), content()
+    one, values = procedure.load("copper_lid"), content()
     assert procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == one.sha256
     values["essential"][0]["max"] += 1e-9
     assert procedure.load(written(tmp_path, values)).sha256 != one.sha256
 
 
 def test_differences_name_what_changed() -> None:
-    old, values = procedure.load("canister_copper"), content()
+    old, values = procedure.load("copper_lid"), content()
     values["essential"][0]["max"] = 905.0
     values["sensors"].pop(0)
     new = Procedure.model_validate(values)
@@ -75,7 +75,7 @@ def test_differences_name_what_changed() -> None:
 
 
 def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
-    found = procedure.load("canister_copper")
+    found = procedure.load("copper_lid")
     limits = {one.variable: one for _, one in found.limits()}
     interlocks = defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
     temperature = limits["temperature_c"]
