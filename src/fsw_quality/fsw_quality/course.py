@@ -80,7 +80,7 @@ def course_of(signals: WeldSignals) -> Course:
         "torque_nm": signals.torque_nm,
         "force_kn": force,
         "speed_rpm": speed,
-        "power_kw": np.array(kw_from_w(signals.torque_nm * rad_s_from_rpm(speed))),
+        "power_kw": signals.torque_nm * speed * kw_from_w(rad_s_from_rpm(1.0)),
         "traverse_mm_per_min": traverse,
         "depth_error_mm": signals.depth_mm - signals.programme_depth_mm,
         "temperature_error_c": signals.temperature_c - signals.programme_temperature_c,

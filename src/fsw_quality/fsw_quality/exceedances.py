@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Strict
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
 from fsw_quality.course import Course
-from fsw_schema.models import Model
+from fsw_schema.models import Many, Model
 
 Kind = Literal["essential", "quality", "set_point"]
+Pair = Annotated[tuple[float, float], Strict(False)]
 
 
 class Exceedance(Model):
@@ -32,10 +34,10 @@ class Exceedance(Model):
     """value that is furthest outside; without one when no sample is on record"""
     beyond: float | None = None
     """how far it is outside"""
-    phases: tuple[str, ...]
-    angle_deg: tuple[float, float] | None = None
+    phases: Many[str]
+    angle_deg: Pair | None = None
     """from and to, where the programme tells it"""
-    travel_mm: tuple[float, float] | None = None
+    travel_mm: Pair | None = None
     """from and to along the weld, likewise"""
     commanded_by: str
     """whose commands were applied then, empty when not on record"""

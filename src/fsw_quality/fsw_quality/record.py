@@ -7,9 +7,10 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Strict
 
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
@@ -23,7 +24,7 @@ from fsw_quality.procedure import Procedure, digest
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
-from fsw_schema.models import Model
+from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
 _SIMULATED_NS = NANOSECONDS * 10**8
@@ -115,37 +116,37 @@ class Record(Model):
 
     format: Literal["fsw_weld_record"] = "fsw_weld_record"
     version: Literal[1] = 1
-    verdict: Verdict
+    verdict: Annotated[Verdict, Strict(False)]
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""
-    rules: tuple[Rule, ...]
+    rules: Many[Rule]
     procedure: ProcedureIdentity
     bag: str
     """name of the bag"""
-    files: tuple[BagFile, ...]
+    files: Many[BagFile]
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
     start_ns: int
     """stamp of the first tick"""
     simulated_time: bool
     duration_s: float
-    controllers: tuple[str, ...]
+    controllers: Many[str]
     """whose commands were applied"""
-    operators: tuple[str, ...]
+    operators: Many[str]
     software: dict[str, str]
     parameters_sha256: dict[str, str]
     """of each controller"""
     attachments_sha256: dict[str, str]
-    cannot_say: tuple[str, ...]
+    cannot_say: Many[str]
     """what the bag does not show, and why"""
-    exceedances: tuple[Exceedance, ...]
+    exceedances: Many[Exceedance]
     missing: dict[str, int]
     """samples that are not on record, by variable"""
-    gaps: tuple[Gap, ...]
+    gaps: Many[Gap]
     held_s: float
     """time without automatic control: hold, manual or safe stop"""
-    events: tuple[Event, ...]
-    phases: tuple[PhaseRecord, ...]
+    events: Many[Event]
+    phases: Many[PhaseRecord]
     """as they were, and the whole weld"""
 
 

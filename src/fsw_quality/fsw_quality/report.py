@@ -59,7 +59,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
 def _pdf(body: str, title: str) -> bytes:
     from fpdf import FPDF, TextStyle  # of the extra
 
-    class Pages(FPDF):
+    class Pages(FPDF):  # type: ignore[misc]
         def footer(self) -> None:
             self.set_y(-12)
             self.set_font("DejaVu", size=7)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import UTC, date, datetime
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
+from pydantic import Strict
 
 from fsw_analysis.weld_signals import WeldEvent
 from fsw_control.units import NANOSECONDS
@@ -41,7 +43,7 @@ class Rule(Model):
     name: str
     words: str
     figure: str
-    verdict: Verdict
+    verdict: Annotated[Verdict, Strict(False)]
 
 
 class Evidence(Model):
@@ -119,7 +121,8 @@ def _extent(own: Sequence[Exceedance], longest: float) -> str:
         return "always inside"
     missing = sum(one.missing for one in own)
     furthest = max((one.beyond for one in own if one.beyond is not None), default=None)
-    parts = [f"{len(own)} times, {sum(one.duration_s for one in own):.1f} s, longest {longest:.1f} s"]
+    how_often = "once" if len(own) == 1 else f"{len(own)} times"
+    parts = [f"{how_often}, {sum(one.duration_s for one in own):.1f} s, longest {longest:.1f} s"]
     parts += [] if furthest is None else [f"by up to {furthest:.4g}"]
     parts += [f"{missing} samples missing"] if missing else []
     return ", ".join(parts)

@@ -38,7 +38,7 @@ def good_weld() -> WeldSignals:
     return WeldSignals(
         path=Path("made_up"),
         stamp_ns=ticks * 100_000_000,
-        time_s=ticks * 0.1,
+        time_s=ticks.astype(np.float64) * 0.1,
         depth_mm=constant(DEPTH_MM),
         torque_nm=constant(1050.0),
         temperature_c=constant(TEMPERATURE_C),
