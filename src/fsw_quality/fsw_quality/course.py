@@ -73,7 +73,7 @@ def course_of(signals: WeldSignals) -> Course:
     time_s = np.concatenate([known_s, put_in])[order]
     drives, unknown = signals.drives, np.full(signals.n_ticks, np.nan)
     force, speed = (unknown, unknown) if drives is None else (drives.force_kn, drives.speed_rpm)
-    travel_mm, traverse = _travel(signals)
+    travel_mm, traverse = _travel(signals, end_s)
     values = {
         "depth_mm": signals.depth_mm,
         "temperature_c": signals.temperature_c,
@@ -102,13 +102,13 @@ def course_of(signals: WeldSignals) -> Course:
     )
 
 
-def _travel(signals: WeldSignals) -> tuple[FloatArray, FloatArray]:
+def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
     """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
 
     They come each second and when the tool starts or stops. The stamp of a report is up to a tick off the position that
     it tells, 10 % of a second's travel, so the speed is taken over some seconds between two of them.
     """
-    known = np.flatnonzero(np.isfinite(signals.travel_mm))
+    known = np.flatnonzero(np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + 1e-6))
     if not known.size:
         return signals.travel_mm, signals.travel_mm
     changed_s = [begin_s for _, begin_s in signals.phases] + [
