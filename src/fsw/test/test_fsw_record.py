@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -11,8 +13,9 @@ import yaml
 
 from fsw.main import main
 from fsw_quality import procedure
-from fsw_quality.record import Record
+from fsw_quality.record import Record, make
 from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.errors import BagError
 from fsw_test_support.programme_bag import write_programme_weld
 
 pytest.importorskip("fpdf", reason="fpdf2 is not installed: pip install -r requirements/quality.lock")
@@ -93,6 +96,26 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path, capsys:
         found = json.loads((tmp_path / f"cut_{share}" / "record.json").read_text(encoding="utf-8"))
         assert found["verdict"] != "accept"
         assert any("not finished" in one for one in found["cannot_say"])
+
+
+@pytest.mark.slow
+def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path) -> None:
+    """Messages and attachments have checksums; indexes have none, and nothing is read from them."""
+    asked, bag = procedure.load(with_changes(tmp_path, quality=[])), tmp_path / "bag"
+    shutil.copytree(recorded, bag)
+    data = (bag / "bag_0.mcap").read_bytes()
+    unharmed = make(bag, asked)[0]
+    assert unharmed.verdict == "accept"
+    random = Random(26)
+    for _ in range(40):
+        at = random.randrange(len(data))
+        (bag / "bag_0.mcap").write_bytes(data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :])
+        try:
+            found = make(bag, asked)[0]
+        except BagError:
+            continue
+        assert found.verdict != "accept" or found.changed(files=unharmed.files) == unharmed, at
+        assert found.files != unharmed.files
 
 
 def test_what_has_no_record_is_said_in_one_line(

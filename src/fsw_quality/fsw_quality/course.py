@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
 
 from fsw_analysis.weld_signals import FloatArray, TextArray, WeldSignals
+from fsw_control.contract import SENSORS
 from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
 #: ticks that are put into one gap, so that a damaged stamp does not fill the memory
@@ -21,7 +25,7 @@ _OVER = ("weld done", "weld aborted")
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """The weld from its first tick to its end; every array has shape (n,), unknown numbers are NaN.
+    """The weld from the first report of its programme to its end; every array has shape (n,), unknown numbers are NaN.
 
     ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm` and
     `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no programme says it.
@@ -53,8 +57,9 @@ def course_of(signals: WeldSignals) -> Course:
     """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
     over = [event for event in signals.events if event.kind == "weld" and event.text in _OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
-    inside = signals.time_s <= end_s + 1e-6
-    stops = [*signals.time_s[inside].tolist(), *([end_s + TICK_S] if over else [])]
+    begin_s = signals.phases[0][1] if signals.phases else float(signals.time_s[0])
+    inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)
+    stops = [begin_s - TICK_S, *signals.time_s[inside].tolist(), *([end_s + TICK_S] if over else [])]
     known_s, fillers, gaps = signals.time_s[inside], [np.empty(0)], []
     for before, after in pairwise(stops):
         lacking = round((after - before) / TICK_S) - 1
@@ -100,6 +105,19 @@ def course_of(signals: WeldSignals) -> Course:
         gaps,
         over[-1].text.removeprefix("weld ") if over else "",
     )
+
+
+def unusable_samples(course: Course) -> dict[str, dict[str, int]]:
+    """Samples that would be held or left out, by sensor and reason, as the supervisor judges them by default."""
+    guard, found = SensorGuard(), {name: Counter[str]() for name in SENSORS}
+    columns = [course.values[name].tolist() for name in ("depth_mm", "torque_nm", "temperature_c")]
+    for time_s, *samples in zip(course.time_s.tolist(), *columns, strict=True):
+        values = {name: value for name, value in zip(SENSORS, samples, strict=True) if isfinite(value)}
+        guard.measure(time_s, values)
+        for name, reason in guard.reasons.items():
+            if reason:
+                found[name][reason.removesuffix(", held")] += 1
+    return {name: dict(reasons) for name, reasons in found.items() if reasons}
 
 
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
-from fsw_quality.course import Course, course_of
+from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
 from fsw_quality.procedure import Procedure, digest
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
@@ -142,6 +142,8 @@ class Record(Model):
     exceedances: Many[Exceedance]
     missing: dict[str, int]
     """samples that are not on record, by variable"""
+    unusable: dict[str, dict[str, int]]
+    """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
     gaps: Many[Gap]
     held_s: float
     """time without automatic control: hold, manual or safe stop"""
@@ -181,14 +183,15 @@ def assemble(
     course = course_of(signals)
     found = exceedances(course, procedure)
     start_ns = int(signals.stamp_ns[0])
-    lost = custom.get("lost_messages", "0")
+    lost = custom.get("lost_messages", "")
     parameters = _parameters(signals, procedure)
     evidence = Evidence(
         problems=tuple(signals.problems),
-        lost=int(lost) if lost.isdecimal() else 0,
+        lost=int(lost) if lost.isdecimal() else None,
         has_states=bool(signals.counts.get("/fsw/supervisor/state")),
         stamp_ns=None if start_ns < _SIMULATED_NS else start_ns,
         parameters=parameters,
+        unusable=unusable_samples(course),
     )
     rules = judge(course, procedure, found, signals.events, evidence)
     verdict, deciding = decide(rules)
@@ -213,6 +216,7 @@ def assemble(
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
         exceedances=tuple(found),
         missing=course.missing,
+        unusable=evidence.unusable,
         gaps=tuple(Gap(begin_s=_round(begin), duration_s=_round(length)) for begin, length in course.gaps),
         held_s=_round(TICK_S * float(np.sum((course.mode != "auto") & (course.mode != "")))),
         events=tuple(_events(signals, course)),
@@ -270,7 +274,7 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
     if "versions.json" not in signals.attachments:
         lacking.append("software versions (versions.json is not in the bag)")
     if "lost_messages" not in custom:
-        lacking.append("whether messages were lost on their way to the recorder (the recording was not finished)")
+        lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
     if evidence.stamp_ns is None:
         lacking.append("the day of the weld (simulated time)")
     return lacking

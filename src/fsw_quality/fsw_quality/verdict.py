@@ -51,14 +51,16 @@ class Evidence(Model):
 
     problems: tuple[str, ...]
     """of the bag"""
-    lost: int
-    """messages that the recorder reported as lost"""
+    lost: int | None = None
+    """messages that the recorder reported as lost; none where it reported nothing"""
     has_states: bool
     """whether the supervisor's reports are on record"""
     stamp_ns: int | None = None
     """of the first tick; none in simulated time"""
     parameters: dict[str, str]
     """hash of the parameters by controller"""
+    unusable: dict[str, dict[str, int]]
+    """samples that are not used, by sensor and reason"""
 
 
 def decide(rules: Sequence[Rule]) -> tuple[Verdict, Rule]:
@@ -139,11 +141,16 @@ def _complete(course: Course, procedure: Procedure) -> Rule:
     slack_deg = np.degrees(
         procedure.machine.traverse_mm_per_min / 60.0 * _REPORTS_S / (0.5 * procedure.geometry.diameter_mm)
     )
+    from_deg = 0.0
     for phase in procedure.phases:
         if phase.name not in spans:
             continue
         ticks = spans[phase.name]
         if phase.to_deg is not None:
+            began = np.nanmin(course.angle_deg[ticks], initial=np.inf)
+            if not began <= from_deg + slack_deg:
+                faults.append(f"{phase.name} begins at {began:.1f} in place of {from_deg:g} deg")
+            from_deg = phase.to_deg
             reached = np.nanmax(course.angle_deg[ticks], initial=-np.inf)
             if not reached >= phase.to_deg - slack_deg:
                 faults.append(f"{phase.name} reaches {reached:.1f} of {phase.to_deg:g} deg")
@@ -159,7 +166,10 @@ def _complete(course: Course, procedure: Procedure) -> Rule:
 
 def _recording(course: Course, evidence: Evidence) -> Rule:
     faults = [*evidence.problems]
-    faults += [f"{evidence.lost} messages lost"] if evidence.lost else []
+    if evidence.lost is None:
+        faults.append("whether messages were lost is not on record")
+    elif evidence.lost:
+        faults.append(f"{evidence.lost} messages lost")
     if course.gaps:
         longest = max(length for _, length in course.gaps)
         faults.append(f"{len(course.gaps)} gaps, longest {longest:.1f} s")
@@ -172,6 +182,8 @@ def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterat
     for sensor in procedure.sensors:
         missing = course.missing[_SIGNAL[sensor.name]]
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
+        reasons = evidence.unusable.get(sensor.name, {})
+        faults += [f"{count} {reason}" for reason, count in reasons.items() if reason != "missing"]
         if sensor.calibration_due is not None and day is None:
             faults.append("the day of the weld is not known (simulated time)")
         elif (
@@ -179,7 +191,7 @@ def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterat
         ):
             faults.append(f"welded on {day.isoformat()}")
         due = f", calibrated until {sensor.calibration_due}" if sensor.calibration_due else ""
-        yield _rule("sensor", f"{sensor.name} on record{due}", "; ".join(faults) or "yes", bool(faults))
+        yield _rule("sensor", f"{sensor.name} on record and usable{due}", "; ".join(faults) or "yes", bool(faults))
 
 
 def _controllers(course: Course, procedure: Procedure, evidence: Evidence) -> Iterator[Rule]:

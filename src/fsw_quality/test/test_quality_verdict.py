@@ -21,6 +21,7 @@ from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedur
 ORDER = list(Verdict)
 PROCEDURE = short_procedure()
 COMPLETE = {"lost_messages": "0"}
+JOINT_LINE = {"name": "joint_line", "to_deg": 1.0, "source": "test"}
 TICK = st.integers(0, TICKS - 1)
 #: arrays of a weld that the sensors and drives fill
 ARRAYS = ("depth_mm", "torque_nm", "temperature_c", "force_kn", "speed_rpm")
@@ -109,6 +110,8 @@ def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.Da
         poorer.drives = None
     if data.draw(st.booleans()):
         poorer.counts = {}
+    if data.draw(st.booleans()):
+        custom = {}
     record = judged(poorer, custom=custom)
     assert ORDER.index(record.verdict) >= ORDER.index(whole)
 
@@ -117,14 +120,31 @@ def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.Da
 def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
     record = judged(without(good_weld(), ticks))
     assert record.verdict is not Verdict.ACCEPT
-    inner = {tick for tick in ticks if tick > min(set(range(TICKS)) - set(ticks))}
-    assert sum(one.duration_s for one in record.gaps) == pytest.approx(0.1 * len(inner))
+    assert sum(one.duration_s for one in record.gaps) == pytest.approx(0.1 * len(set(ticks)))
 
 
 def test_a_gap_spans_its_ticks_wherever_they_are() -> None:
-    """Between its neighbours, also at the end: when the programme was done is on record."""
-    record = judged(without(good_weld(), [20, 21, 22, TICKS - 1]))
-    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [(2.1, 0.3), (6.0, 0.1)]
+    """Between its neighbours, also at both ends: when the programme began and was done is on record."""
+    record = judged(without(good_weld(), [0, 20, 21, 22, TICKS - 1]))
+    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [(0.1, 0.1), (2.1, 0.3), (6.0, 0.1)]
+
+
+def test_what_was_before_the_programme_is_no_part_of_the_weld() -> None:
+    weld = good_weld()
+    weld.phases[0] = ("dwell", 0.3)
+    weld.temperature_c[:2] = 20.0
+    record = judged(weld, short_procedure(phases=[{"name": "dwell", "duration_s": 0.8, "source": "test"}, JOINT_LINE]))
+    assert record.verdict is Verdict.ACCEPT and record.phases[0].begin_s == 0.3
+
+
+def test_a_phase_that_begins_late_or_ends_early_is_not_complete() -> None:
+    weld = good_weld()
+    weld.angle_deg[DWELL - 1 :] += 0.5
+    assert "joint_line begins at 0.5 in place of 0 deg" in judged(weld).deciding.figure
+    weld.angle_deg[:] = 0.0
+    assert "joint_line reaches 0.0 of 1 deg" in judged(weld).deciding.figure
+    weld.phases[0] = ("dwell", 0.2)
+    assert "dwell lasts 0.9 of 1 s" in judged(weld).deciding.figure
 
 
 def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
@@ -172,6 +192,7 @@ def test_each_rule_alone_decides(rule: str) -> None:
 def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     weld, _, custom = broken("lost")
     assert judged(weld, custom=custom).deciding.figure == "2 messages lost"
+    assert judged(weld, custom={}).deciding.figure == "whether messages were lost is not on record"
     weld.counts = {}
     record = judged(weld)
     assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {"swaps", "mode", "interlocks"}
@@ -185,6 +206,15 @@ def test_the_same_tuning_is_recognised() -> None:
     )
     record = judged(weld, short_procedure(**changes))
     assert record.verdict is Verdict.ACCEPT and record.parameters_sha256["decentral"] == digest({"gain": 1.0})
+
+
+def test_a_frozen_sensor_is_for_review() -> None:
+    weld = good_weld()
+    weld.temperature_c += np.random.default_rng(0).normal(0.0, 0.1, TICKS)
+    weld.temperature_c[40:] = weld.temperature_c[40]
+    record = judged(weld)
+    assert record.verdict is Verdict.REVIEW and record.unusable["thermocouple"]["frozen"] > 5
+    assert "frozen" in record.deciding.figure and record.deciding.words.startswith("thermocouple")
 
 
 def test_a_swap_on_request_is_as_the_procedure_says() -> None:
