@@ -255,9 +255,11 @@ def command_line() -> dict[str, str]:
     """All commands with their arguments: a page of the verbs for a running weld, of those for bags, and of the rest."""
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     running = tuple(list(verbs)[: len(RUNNING)])  # each module adds one
+    quality = ("procedure", "record")
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
-        "command-line-studies": ("Command line: simulate, study, export", [*(set(verbs) - {*running, "bag"})]),
+        "command-line-studies": ("Command line: simulate, study, export", [*(set(verbs) - {*running, "bag", *quality})]),
+        "command-line-quality": ("Command line: procedures, records", quality),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
     pages, lines = {}, []
