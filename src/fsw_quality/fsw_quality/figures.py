@@ -32,6 +32,7 @@ _MARKS: dict[Kind, dict[str, Any]] = {
     "quality": {"facecolor": "0.75", "edgecolor": "black", "hatch": "////"},
     "set_point": {"facecolor": "white", "edgecolor": "black", "hatch": "...."},
 }
+_MISSING: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "hatch": "xxxx"}
 #: an exceedance is drawn at least this wide, as a share of the axis
 _LEAST_WIDTH = 0.004
 #: a limit is drawn when it is nearer to the data than this share of their span
@@ -51,7 +52,7 @@ def traces(course: Course, procedure: Procedure) -> bytes:
             _limits(axis, name, course, procedure)
             axis.set_ylabel(label)
             for begin, length in course.gaps:
-                axis.axvspan(begin / 60.0, (begin + length) / 60.0, **_MARKS["essential"])
+                axis.axvspan(begin / 60.0, (begin + length) / 60.0, **_MISSING)
             for _, ticks in course.spans()[1:]:
                 axis.axvline(minutes[ticks][0], color="0.6", linewidth=0.8)
         for name, ticks in course.spans():
@@ -91,7 +92,8 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
                 continue
             begin, stop = one.angle_deg
             width = max(stop - begin, _LEAST_WIDTH * end)
-            axis.barh(rows.index(one.limit), width, left=begin, height=0.7, linewidth=0.6, **_MARKS[one.kind])
+            style = _MISSING if one.missing == one.samples else _MARKS[one.kind]
+            axis.barh(rows.index(one.limit), width, left=begin, height=0.7, linewidth=0.6, **style)
         for name, ticks in course.spans():
             angles = course.angle_deg[ticks][np.isfinite(course.angle_deg[ticks])]
             if name and angles.size:
@@ -107,7 +109,9 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
         arc_mm = 30.0 * procedure.geometry.diameter_mm * np.pi / 360.0
         axis.set_xlabel(f"angle about the canister [deg]; 30 deg are {arc_mm:.0f} mm of the joint line")
         handles = [Patch(label=f"{kind.replace('_', '-')} limit left", **style) for kind, style in _MARKS.items()]
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.0)
+        handles.append(Patch(label="samples missing", **_MISSING))
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.55 / (0.3 * len(rows)))}
+        axis.legend(handles=handles, ncol=len(handles), frameon=False, fontsize=8.0, **below)
         return _png(figure)
 
 
