@@ -43,7 +43,9 @@ def run(*arguments: object) -> int:
 
 
 def with_changes(folder: Path, **changes: Any) -> Path:
-    values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True) | {"phases": PHASES} | changes
+    values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
+    values["machine"]["traverse_mm_per_min"] = 300.0
+    values |= {"phases": PHASES} | changes
     file = folder / "procedure.yaml"
     file.write_text(yaml.safe_dump(values), encoding="utf-8")
     return file

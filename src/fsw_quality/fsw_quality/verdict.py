@@ -20,8 +20,11 @@ from fsw_schema.models import Model
 
 #: sensor of the signals that stand for it
 _SIGNAL = dict(zip(SENSOR_NAMES, ("depth_mm", "torque_nm", "temperature_c", "force_kn"), strict=True))
-#: travel between two reports of the tool's position, twice: what an angle may lack
+#: travel that the last report of a phase may lack: twice the time between two reports
 _REPORTS_S = 2.0
+#: travel by which the first report of a phase, which comes when it begins, may be late: some ticks. Later, it was lost,
+#: and samples of this phase were judged by the limits of the one before.
+_BEGIN_S = 0.3
 #: swaps with these causes are wanted
 _ON_REQUEST = ("(operator", "(start")
 
@@ -138,9 +141,7 @@ def _complete(course: Course, procedure: Procedure) -> Rule:
     if names != wanted:
         faults.append(f"phases on record: {', '.join(names) or 'none'}")
     spans = dict(course.spans())
-    slack_deg = np.degrees(
-        procedure.machine.traverse_mm_per_min / 60.0 * _REPORTS_S / (0.5 * procedure.geometry.diameter_mm)
-    )
+    deg_per_s = np.degrees(procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm))
     from_deg = 0.0
     for phase in procedure.phases:
         if phase.name not in spans:
@@ -148,11 +149,11 @@ def _complete(course: Course, procedure: Procedure) -> Rule:
         ticks = spans[phase.name]
         if phase.to_deg is not None:
             began = np.nanmin(course.angle_deg[ticks], initial=np.inf)
-            if not began <= from_deg + slack_deg:
+            if not began <= from_deg + _BEGIN_S * deg_per_s:
                 faults.append(f"{phase.name} begins at {began:.1f} in place of {from_deg:g} deg")
             from_deg = phase.to_deg
             reached = np.nanmax(course.angle_deg[ticks], initial=-np.inf)
-            if not reached >= phase.to_deg - slack_deg:
+            if not reached >= phase.to_deg - _REPORTS_S * deg_per_s:
                 faults.append(f"{phase.name} reaches {reached:.1f} of {phase.to_deg:g} deg")
         elif phase.duration_s is not None:
             # the phase begins a tick before its first sample and ends with the sample of the next one

@@ -139,6 +139,9 @@ def test_what_was_before_the_programme_is_no_part_of_the_weld() -> None:
 
 def test_a_phase_that_begins_late_or_ends_early_is_not_complete() -> None:
     weld = good_weld()
+    weld.phases[1] = ("joint_line", 0.1 * DWELL + 0.5)  # the report at its beginning is lost
+    assert "joint_line begins at 0.1 in place of 0 deg" in judged(weld).deciding.figure
+    weld = good_weld()
     weld.angle_deg[DWELL - 1 :] += 0.5
     assert "joint_line begins at 0.5 in place of 0 deg" in judged(weld).deciding.figure
     weld.angle_deg[:] = 0.0
