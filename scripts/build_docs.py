@@ -43,6 +43,8 @@ from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_quality.procedure import Procedure
+from fsw_quality.record import Record
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
@@ -222,12 +224,24 @@ def scenarios() -> dict[str, str]:
     }
 
 
+def procedures() -> dict[str, str]:
+    """A page of the keys of procedure files."""
+    lines = [
+        "What a weld must keep, as data; how it is used: [The record of a weld](../how-to/record.md). The same as a "
+        "JSON Schema, for editors: [procedure.schema.json](procedure.schema.json).",
+        *model_tables(Procedure),
+    ]
+    return {"procedures": page("Procedure files", *lines)}
+
+
 def json_schemas() -> dict[str, str]:
     """A JSON Schema of each kind of file that users write, for editors."""
     kinds: dict[str, type[Model]] = {
         "scenario": Scenario,
         "campaign": Campaign,
         "machine": MachineFile,
+        "procedure": Procedure,
+        "record": Record,
         "model": ModelParameters,
         "tuning": Tuning,
     }
@@ -241,9 +255,12 @@ def command_line() -> dict[str, str]:
     """All commands with their arguments: a page of the verbs for a running weld, of those for bags, and of the rest."""
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     running = tuple(list(verbs)[: len(RUNNING)])  # each module adds one
+    quality = ("procedure", "record")
+    studies = tuple(set(verbs) - {*running, *quality, "bag"})
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
-        "command-line-studies": ("Command line: simulate, study, export", [*(set(verbs) - {*running, "bag"})]),
+        "command-line-studies": ("Command line: simulate, study, export", studies),
+        "command-line-quality": ("Command line: procedures, records", quality),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
     pages, lines = {}, []
@@ -370,7 +387,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 
 def reference() -> dict[str, str]:
     """The generated files of the reference, by name."""
-    pages = {**parameters(), **messages(), **scenarios(), **command_line()}
+    pages = {**parameters(), **messages(), **scenarios(), **procedures(), **command_line()}
     return {f"{name}.md": text for name, text in pages.items()} | json_schemas()
 
 

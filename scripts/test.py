@@ -40,7 +40,7 @@ OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
-EXTRAS = ["fmu", "machine", "hmi", "canister"]
+EXTRAS = ["fmu", "machine", "hmi", "canister", "quality"]
 ensure(dev=True, oldest=OLDEST in sys.argv, extras=EXTRAS if OLDEST in sys.argv else [*EXTRAS, "campaign"])
 
 

@@ -30,6 +30,7 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
+    "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_recorder"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
@@ -43,7 +44,7 @@ MAY_IMPORT = {
     "fsw": {
         *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
         *("fsw_supervisor", "fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario"),
-        *("fsw_campaign",),
+        *("fsw_campaign", "fsw_quality"),
         *("fsw_msgs", "fsw_hmi"),  # of fsw_hmi: its named users
     },
     "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
@@ -95,6 +96,7 @@ OPTIONAL = {
     "skfem",
     "meshio",
     "threadpoolctl",
+    "fpdf",
 }
 
 

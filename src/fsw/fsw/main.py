@@ -23,7 +23,7 @@ RUNNING = (
     "params",
     "hmi",
 )
-_COMMANDS = (*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune")
+_COMMANDS = (*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record")
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
 
 

@@ -24,6 +24,7 @@ PROGRESS: dict[str, Kind] = {
     "depth": "number",
     "temperature": "number",
     "angle": "number",
+    "length": "number",
 }
 ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
 ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}

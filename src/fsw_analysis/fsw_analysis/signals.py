@@ -168,6 +168,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     weld.events.sort()
     depth, temperature, angle = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle"))
     weld.angle_deg = np.degrees(angle)
+    weld.travel_mm = ticks.held(progress, "length", np.nan) * MM
     # where no programme is played, the set-points in force stand for its own
     weld.programme_depth_mm = np.where(depth > 0.0, depth * MM, weld.reference_depth_mm)
     weld.programme_temperature_c = np.where(depth > 0.0, temperature, weld.reference_temperature_c)

@@ -168,6 +168,8 @@ class WeldSignals:
     programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
     #: where the tool was about the canister's axis, by the programme; NaN where the bag has none
     angle_deg: FloatArray = field(default_factory=lambda: np.empty(0))
+    #: how far it had travelled along the weld, likewise
+    travel_mm: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if not self.programme_depth_mm.size:
@@ -175,6 +177,8 @@ class WeldSignals:
             self.programme_temperature_c = self.reference_temperature_c
         if not self.angle_deg.size:
             self.angle_deg = np.full(self.n_ticks, np.nan)
+        if not self.travel_mm.size:
+            self.travel_mm = np.full(self.n_ticks, np.nan)
 
     @property
     def n_ticks(self) -> int:

@@ -1,0 +1,61 @@
+"""``fsw.py record``: the record of a weld, with its verdict."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fsw.bags import DAMAGED_TOO, print_notes
+from fsw.errors import CommandError
+from fsw.options import add_file, add_force
+from fsw.outputs import check_new
+from fsw.progress import ProgressBar
+from fsw_analysis.bag_labels import labels
+from fsw_quality.procedure import load, shipped
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "record",
+        help="record of a weld for who signs for it: verdict, rules, exceedances, figures",
+        description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
+        "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
+        "has a record, too.",
+    )
+    parser.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
+    parser.add_argument("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}")
+    add_file(parser, "--out", "folder for the records", "DIR", required=True)
+    add_force(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from fsw_quality import record, report  # matplotlib takes a second to import
+
+    procedure = load(arguments.procedure)
+    bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
+    several = len(bags) > 1
+    folders = {
+        name: arguments.out / name.replace("/", "_").replace(" ", "_") if several else arguments.out for name in bags
+    }
+    if len(set(folders.values())) < len(folders):
+        raise CommandError("record: two of the bags would be written into one folder; give them one by one")
+    check_new(
+        [folder / name for folder in folders.values() for name in (report.JSON, report.PAGE, report.PDF)],
+        arguments.force,
+    )
+    for name, bag in bags.items():
+        with ProgressBar(f"reading {bag}") as bar:
+            found, course = record.make(bag, procedure, bar)
+        print_notes(found.cannot_say)
+        folders[name].mkdir(parents=True, exist_ok=True)
+        files = report.write(found, course, procedure, folders[name])
+        print(
+            f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
+        )
+        print(f"written: {', '.join(map(str, files))}")
+    if not report.can_write_pdf():
+        print_notes(["no PDF: pip install fpdf2, or the extra fsw-control[quality]"])
+    return 0

@@ -1,0 +1,152 @@
+"""The record of a weld that was recorded in the graph, and of what is left of its bag."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+import yaml
+
+from fsw.main import main
+from fsw_quality import procedure
+from fsw_quality.record import Record, make
+from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.errors import BagError
+from fsw_test_support.programme_bag import write_programme_weld
+
+pytest.importorskip("fpdf", reason="fpdf2 is not installed: pip install -r requirements/quality.lock")
+
+#: a weld of 10 s, with an edge that lifts the tool by more than the quality limit
+SCENARIO = {
+    "name": "short_weld",
+    "description": "a dwell and 4 deg of a joint line",
+    "controller": "decentral",
+    "plant": {"seed": 3},
+    "phases": [
+        {"name": "dwell", "duration_s": 3.0},
+        {"name": "joint_line", "to_deg": 4.0, "speed_mm_per_min": 300.0},
+    ],
+    "events": [{"at_s": 6.0, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.2}}],
+}
+PHASES = [
+    {"name": "dwell", "duration_s": 3.0, "source": "test"},
+    {"name": "joint_line", "to_deg": 4.0, "source": "test"},
+]
+
+
+def run(*arguments: object) -> int:
+    return main(["record", *map(str, arguments)])
+
+
+def with_changes(folder: Path, **changes: Any) -> Path:
+    values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
+    values["machine"]["traverse_mm_per_min"] = 300.0
+    values |= {"phases": PHASES} | changes
+    file = folder / "procedure.yaml"
+    file.write_text(yaml.safe_dump(values), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of the short weld, recorded over the middleware in lockstep; not to be changed."""
+    folder = tmp_path_factory.mktemp("recorded")
+    scenario = folder / "short_weld.yaml"
+    scenario.write_text(yaml.safe_dump(SCENARIO, sort_keys=False), encoding="utf-8")
+    assert main(["simulate", str(scenario), "--bag", "--no-figures", "--out", str(folder / "out")]) == 0
+    return folder / "out" / "graph_decentral" / "bag"
+
+
+@pytest.mark.slow
+def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = with_changes(tmp_path)
+    assert run(recorded, "--procedure", asked, "--out", tmp_path / "out") == 0
+    assert "REVIEW (quality: depth_error_mm -0.1 to 0.1: " in capsys.readouterr().out
+    text = (tmp_path / "out" / "record.json").read_text(encoding="utf-8")
+    found = Record.model_validate_json(text)
+    assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
+    assert found.procedure.sha256 == procedure.load(asked).sha256
+    edge = next(one for one in found.exceedances if one.duration_s > 0.3)
+    assert 6.0 <= edge.begin_s <= 6.3 and edge.phases == ("joint_line",) and edge.commanded_by == "decentral"
+    assert edge.beyond == pytest.approx(0.1, abs=0.03)
+    # 300 mm/min from 3 s on
+    assert edge.travel_mm is not None and edge.travel_mm[0] == pytest.approx(5.0 * (edge.begin_s - 3.0), abs=0.6)
+    assert edge.angle_deg is not None and edge.angle_deg[0] == pytest.approx(edge.travel_mm[0] / 9.163, abs=0.6)
+    joint_line = next(one for one in found.phases if one.phase == "joint_line")
+    assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(300.0, rel=0.03)
+    assert {one.name for one in found.files} == {"bag_0.mcap", "metadata.yaml"} and "numpy" in found.software
+    page = (tmp_path / "out" / "record.html").read_text(encoding="utf-8")
+    assert "REVIEW" in page and page.count("data:image/png;base64,") == 2 and "http" not in page.partition("<body")[2]
+    assert (tmp_path / "out" / "record.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With limits that the whole weld keeps."""
+    asked = with_changes(tmp_path, quality=[])
+    assert run(recorded, "--procedure", asked, "--out", tmp_path / "whole") == 0
+    assert "ACCEPT" in capsys.readouterr().out
+    data = (recorded / "bag_0.mcap").read_bytes()
+    for share in (0.5, 0.8, 0.999):
+        cut = tmp_path / f"cut_{share}.mcap"
+        cut.write_bytes(data[: int(share * len(data))])
+        assert run(cut, "--procedure", asked, "--out", tmp_path / f"cut_{share}") == 0
+        found = json.loads((tmp_path / f"cut_{share}" / "record.json").read_text(encoding="utf-8"))
+        assert found["verdict"] != "accept"
+        assert any("not finished" in one for one in found["cannot_say"])
+
+
+@pytest.mark.slow
+def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path) -> None:
+    """Messages and attachments have checksums; indexes have none, and nothing is read from them."""
+    asked, bag = procedure.load(with_changes(tmp_path, quality=[])), tmp_path / "bag"
+    shutil.copytree(recorded, bag)
+    data = (bag / "bag_0.mcap").read_bytes()
+    unharmed = make(bag, asked)[0]
+    assert unharmed.verdict == "accept"
+    random = Random(26)
+    for _ in range(40):
+        at = random.randrange(len(data))
+        (bag / "bag_0.mcap").write_bytes(data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :])
+        try:
+            found = make(bag, asked)[0]
+        except BagError:
+            continue
+        assert found.verdict != "accept" or found.changed(files=unharmed.files) == unharmed, at
+        assert found.files != unharmed.files
+
+
+def test_what_has_no_record_is_said_in_one_line(
+    weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagWriter(tmp_path / "empty"):
+        pass
+    write_programme_weld(tmp_path / "programme")
+    foreign = with_changes(tmp_path, phases=[PHASES[1]])
+    for bag, asked, said in (
+        (tmp_path / "none", "copper_lid", "there is no such bag"),
+        (tmp_path / "empty", "copper_lid", "the bag holds no messages"),
+        (weld_bag, "copper_lid", "has no phase of procedure copper_lid (dwell, start, downward"),
+        (tmp_path / "programme", foreign, "it has dwell, start; give the bag of a weld with a programme"),
+        (weld_bag, "no_such", "cannot read procedure no_such"),
+    ):
+        assert run(bag, "--procedure", asked, "--out", tmp_path / "out") == 1
+        error = capsys.readouterr().err.strip()
+        assert said in error.splitlines()[-1] and error.count("error:") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_programme_weld(tmp_path / "weld")
+    arguments = (tmp_path / "weld", "--procedure", "copper_lid", "--out", tmp_path / "out")
+    assert run(*arguments) == 0
+    assert "REJECT" in capsys.readouterr().out
+    assert run(*arguments) == 1
+    assert "record.json exists; choose another name, or give --force" in capsys.readouterr().err
+    assert run(*arguments, "--force") == 0
+    operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
+    assert operators == ["anna (3f2a)"]

@@ -1,0 +1,158 @@
+"""A recorded weld on its ticks, with those that are missing put in: what is not recorded is not known."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite
+
+import numpy as np
+import numpy.typing as npt
+
+from fsw_analysis.weld_signals import FloatArray, TextArray, WeldSignals
+from fsw_control.contract import SENSORS
+from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.validity import SensorGuard
+from fsw_control.weld import TICK_S
+
+#: ticks that are put into one gap, so that a damaged stamp does not fill the memory
+_MOST_IN_A_GAP = 600
+#: time over which the traverse speed is taken
+_APART_S = 5.0
+_OVER = ("weld done", "weld aborted")
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The weld from the first report of its programme to its end; every array has shape (n,), unknown numbers are NaN.
+
+    ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm` and
+    `set_point_temperature_c`; ``source`` is who commanded, ``phase`` is empty where no programme says it.
+    """
+
+    time_s: FloatArray
+    angle_deg: FloatArray
+    travel_mm: FloatArray
+    phase: TextArray
+    source: TextArray
+    mode: TextArray
+    values: dict[str, FloatArray]
+    gaps: list[tuple[float, float]]  #: begin and length [s] of what is missing on all topics
+    end: str  #: how the programme ended: ``done``, ``aborted``, or empty: not on record
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Samples that are not known, by variable."""
+        return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
+
+    def spans(self) -> list[tuple[str, slice]]:
+        """Ticks of each phase, in order of time."""
+        begins = [0, *(np.flatnonzero(self.phase[1:] != self.phase[:-1]) + 1).tolist()]
+        ends = [*begins[1:], len(self.phase)]
+        return [(str(self.phase[begin]), slice(begin, end)) for begin, end in zip(begins, ends, strict=True)]
+
+
+def course_of(signals: WeldSignals) -> Course:
+    """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
+    over = [event for event in signals.events if event.kind == "weld" and event.text in _OVER]
+    end_s = over[-1].time_s if over else float(signals.time_s[-1])
+    begin_s = signals.phases[0][1] if signals.phases else float(signals.time_s[0])
+    inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)
+    stops = [begin_s - TICK_S, *signals.time_s[inside].tolist(), *([end_s + TICK_S] if over else [])]
+    known_s, fillers, gaps = signals.time_s[inside], [np.empty(0)], []
+    for before, after in pairwise(stops):
+        lacking = round((after - before) / TICK_S) - 1
+        if lacking > 0:
+            gaps.append((before + TICK_S, lacking * TICK_S))
+            fillers.append(np.linspace(before + TICK_S, after - TICK_S, min(lacking, _MOST_IN_A_GAP)))
+    put_in = np.concatenate(fillers)
+    order = np.argsort(np.concatenate([known_s, put_in]), kind="stable")
+
+    def numbers(values: FloatArray) -> FloatArray:
+        return np.concatenate([values[inside], np.full(put_in.size, np.nan)])[order]
+
+    def texts(values: TextArray) -> TextArray:
+        return np.concatenate([values[inside], np.full(put_in.size, "", object)])[order]
+
+    time_s = np.concatenate([known_s, put_in])[order]
+    drives, unknown = signals.drives, np.full(signals.n_ticks, np.nan)
+    force, speed = (unknown, unknown) if drives is None else (drives.force_kn, drives.speed_rpm)
+    travel_mm, traverse = _travel(signals, end_s)
+    values = {
+        "depth_mm": signals.depth_mm,
+        "temperature_c": signals.temperature_c,
+        "torque_nm": signals.torque_nm,
+        "force_kn": force,
+        "speed_rpm": speed,
+        "power_kw": signals.torque_nm * speed * kw_from_w(rad_s_from_rpm(1.0)),
+        "traverse_mm_per_min": traverse,
+        "depth_error_mm": signals.depth_mm - signals.programme_depth_mm,
+        "temperature_error_c": signals.temperature_c - signals.programme_temperature_c,
+        "set_point_depth_mm": signals.reference_depth_mm,
+        "set_point_temperature_c": signals.reference_temperature_c,
+    }
+    names = np.array([name for name, _ in signals.phases] or [""], object)
+    begins = [begin - 1e-6 for _, begin in signals.phases[1:]]
+    return Course(
+        time_s,
+        numbers(signals.angle_deg),
+        numbers(travel_mm),
+        names[np.searchsorted(begins, time_s, side="right")],
+        texts(signals.command_source),
+        texts(signals.actual_mode),
+        {name: numbers(one) for name, one in values.items()},
+        gaps,
+        over[-1].text.removeprefix("weld ") if over else "",
+    )
+
+
+def unusable_samples(course: Course) -> dict[str, dict[str, int]]:
+    """Samples that would be held or left out, by sensor and reason, as the supervisor judges them by default."""
+    guard, found = SensorGuard(), {name: Counter[str]() for name in SENSORS}
+    columns = [course.values[name].tolist() for name in ("depth_mm", "torque_nm", "temperature_c")]
+    for time_s, *samples in zip(course.time_s.tolist(), *columns, strict=True):
+        values = {name: value for name, value in zip(SENSORS, samples, strict=True) if isfinite(value)}
+        guard.measure(time_s, values)
+        for name, reason in guard.reasons.items():
+            if reason:
+                found[name][reason.removesuffix(", held")] += 1
+    return {name: dict(reasons) for name, reasons in found.items() if reasons}
+
+
+def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
+    """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
+
+    They come each second and when the tool starts or stops. The stamp of a report is up to a tick off the position that
+    it tells, 10 % of a second's travel, so the speed is taken over some seconds between two of them.
+    """
+    known = np.flatnonzero(np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + 1e-6))
+    if not known.size:
+        return signals.travel_mm, signals.travel_mm
+    changed_s = [begin_s for _, begin_s in signals.phases] + [
+        one.time_s for one in signals.events if one.kind == "weld"
+    ]
+    turns = np.clip(np.searchsorted(signals.time_s, np.array(changed_s) - 1e-6), known[0], known[-1])
+    moved = known[np.diff(signals.travel_mm[known], prepend=np.nan) != 0.0]
+    reports = np.unique([*moved, *turns, known[-1]])
+    rows = _apart(signals.time_s[reports], np.isin(reports, turns))
+    at_s, at_mm = signals.time_s[reports][rows], signals.travel_mm[reports][rows]
+    speed = np.append(np.diff(at_mm) / np.diff(at_s), 0.0)  # mm/s
+    speed[-1] = speed[-2:][0]  # the last sample belongs to what was before it
+    row = np.searchsorted(at_s, signals.time_s, side="right") - 1
+    inside = np.isfinite(signals.travel_mm)
+    at = at_mm[row] + speed[row] * (signals.time_s - at_s[row])
+    return np.where(inside, at, np.nan), np.where(inside, 60.0 * speed[row], np.nan)
+
+
+def _apart(reports_s: FloatArray, fixed: npt.NDArray[np.bool_]) -> list[int]:
+    """The reports that are taken: the first, the last, those that are fixed, and between them some that are apart."""
+    rows, last = [0], reports_s.size - 1
+    for row in range(1, last + 1):
+        if fixed[row] or row == last:
+            if len(rows) > 1 and not fixed[rows[-1]] and reports_s[row] - reports_s[rows[-1]] < 0.5 * _APART_S:
+                rows.pop()
+            rows.append(row)
+        elif reports_s[row] - reports_s[rows[-1]] >= _APART_S:
+            rows.append(row)
+    return rows

@@ -1,0 +1,102 @@
+"""Where a weld left its limits. A sample that is missing is outside: what is not shown to be inside is not inside."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Strict
+
+from fsw_analysis.weld_signals import FloatArray
+from fsw_control.weld import TICK_S
+from fsw_quality.course import Course
+from fsw_schema.models import Many, Model
+
+Kind = Literal["essential", "quality", "set_point"]
+Pair = Annotated[tuple[float, float], Strict(False)]
+
+
+class Exceedance(Model):
+    """Samples in a row that are outside a limit or missing."""
+
+    kind: Kind
+    variable: str
+    limit: str
+    """in words"""
+    begin_s: float
+    """on the clock of the weld, whose first tick is at 0.1 s"""
+    duration_s: float
+    samples: int
+    missing: int
+    """of the samples, those that are not on record"""
+    extreme: float | None = None
+    """value that is furthest outside; without one when no sample is on record"""
+    beyond: float | None = None
+    """how far it is outside"""
+    phases: Many[str]
+    angle_deg: Pair | None = None
+    """from and to, where the programme tells it"""
+    travel_mm: Pair | None = None
+    """from and to along the weld, likewise"""
+    commanded_by: str
+    """whose commands were applied then, empty when not on record"""
+
+
+def beyond(values: FloatArray, low: float | None, high: float | None) -> FloatArray:
+    """How far values are outside; 0 inside, NaN for a sample that is missing."""
+    below = 0.0 if low is None else np.maximum(low - values, 0.0)
+    above = 0.0 if high is None else np.maximum(values - high, 0.0)
+    found: FloatArray = np.where(np.isfinite(values), below + above, np.nan)
+    return found
+
+
+def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
+    """Stretches of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(np.int8)))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+
+
+def find(
+    course: Course,
+    kind: Kind,
+    variable: str,
+    bounds: tuple[float | None, float | None],
+    words: str,
+    phases: tuple[str, ...] = (),
+) -> list[Exceedance]:
+    """All exceedances of one limit, which holds in ``phases`` (all, where empty) and where the phase is not known."""
+    values = course.values[variable]
+    excess = beyond(values, *bounds)
+    holds = np.isin(course.phase.astype(str), [*phases, ""]) if phases else np.ones(values.size, bool)
+    found = []
+    for run in runs(~(excess == 0.0) & holds):
+        missing = ~np.isfinite(excess[run])
+        worst = None if missing.all() else int(np.nanargmax(excess[run]))
+        found.append(
+            Exceedance(
+                kind=kind,
+                variable=variable,
+                limit=words,
+                begin_s=_round(course.time_s[run.start]),
+                duration_s=_round(course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S),
+                samples=run.stop - run.start,
+                missing=int(missing.sum()),
+                extreme=None if worst is None else _round(values[run][worst]),
+                beyond=None if worst is None else _round(excess[run][worst]),
+                phases=tuple(dict.fromkeys(str(one) for one in course.phase[run] if one)),
+                angle_deg=_ends(course.angle_deg[run]),
+                travel_mm=_ends(course.travel_mm[run]),
+                commanded_by=", ".join(dict.fromkeys(str(one) for one in course.source[run] if one)),
+            )
+        )
+    return found
+
+
+def _ends(values: FloatArray) -> tuple[float, float] | None:
+    known = values[np.isfinite(values)]
+    return (_round(known[0]), _round(known[-1])) if known.size else None
+
+
+def _round(value: float) -> float:
+    return round(float(value), 6)

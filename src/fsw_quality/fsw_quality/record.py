@@ -1,0 +1,360 @@
+"""The record of a weld: what it was, what was kept, where it was not, and the verdict; its JSON has a schema."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Strict
+
+from fsw_analysis.messages import recorded_parameters
+from fsw_analysis.phase_kpi import ErrorStatistics
+from fsw_analysis.signals import load_weld
+from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
+from fsw_control.units import NANOSECONDS
+from fsw_control.weld import TICK_S
+from fsw_quality.course import Course, course_of, unusable_samples
+from fsw_quality.exceedances import Exceedance, beyond
+from fsw_quality.procedure import Procedure, digest
+from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.errors import BagError
+from fsw_schema.models import Many, Model
+
+#: stamps below this are of simulated time
+_SIMULATED_NS = NANOSECONDS * 10**8
+#: parameters that say nothing of the control
+_NOT_TUNING = ("use_sim_time", "start_type_description_service")
+#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
+IDENTITY = ("canister", "lid", "tool", "machine")
+#: topics without which something cannot be said, and what
+_SAYS = {
+    "/fsw/supervisor/state": "swaps, modes and interlocks",
+    "/fsw/weld_progress": "phases, angles and positions along the weld",
+    "/fsw/drives": "force and speed as the drives measure them",
+    "/fsw/alarms": "alarms: no journal is recorded",
+}
+
+
+class BagFile(Model):
+    """A file of the bag."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class Statistics(Model):
+    """Of an error, measured value minus the programme's set-point, in the unit of its name."""
+
+    mean: float
+    sigma: float
+    min: float
+    max: float
+    iae: float
+    """integral of the absolute error, in the unit times s"""
+    inside_share: float | None = None
+    """share of the samples within the procedure's quality limits; without any limit left out"""
+
+
+class Envelope(Model):
+    """Smallest, mean and largest value of a variable."""
+
+    min: float
+    mean: float
+    max: float
+
+
+class PhaseRecord(Model):
+    """Figures of a phase, or of the whole weld."""
+
+    phase: str
+    begin_s: float
+    end_s: float
+    travel_mm: float | None = None
+    missing: int
+    """ticks at which depth, torque or temperature is not on record"""
+    depth_mm: Statistics | None = None
+    temperature_c: Statistics | None = None
+    envelopes: dict[str, Envelope]
+    heat_input_kj_per_mm: float | None = None
+    """work of the spindle, friction in the drive included, per travel"""
+
+
+class Event(Model):
+    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator or fault."""
+
+    time_s: float
+    kind: str
+    text: str
+    angle_deg: float | None = None
+
+
+class Gap(Model):
+    """Ticks that are missing on all topics."""
+
+    begin_s: float
+    duration_s: float
+
+
+class ProcedureIdentity(Model):
+    """Which procedure the weld was judged by."""
+
+    id: str
+    revision: str
+    date: str
+    sha256: str
+
+
+class Record(Model):
+    """Content of record.json."""
+
+    format: Literal["fsw_weld_record"] = "fsw_weld_record"
+    version: Literal[1] = 1
+    verdict: Annotated[Verdict, Strict(False)]
+    deciding: Rule
+    """the first rule that led to the verdict; of an accepted weld, that all are kept"""
+    rules: Many[Rule]
+    procedure: ProcedureIdentity
+    bag: str
+    """name of the bag"""
+    files: Many[BagFile]
+    identity: dict[str, str]
+    """canister, lid, tool and machine, as far as the recorder was told"""
+    start_ns: int
+    """stamp of the first tick"""
+    simulated_time: bool
+    duration_s: float
+    controllers: Many[str]
+    """whose commands were applied"""
+    operators: Many[str]
+    software: dict[str, str]
+    parameters_sha256: dict[str, str]
+    """of each controller"""
+    attachments_sha256: dict[str, str]
+    cannot_say: Many[str]
+    """what the bag does not show, and why"""
+    exceedances: Many[Exceedance]
+    missing: dict[str, int]
+    """samples that are not on record, by variable"""
+    unusable: dict[str, dict[str, int]]
+    """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
+    gaps: Many[Gap]
+    held_s: float
+    """time without automatic control: hold, manual or safe stop"""
+    events: Many[Event]
+    phases: Many[PhaseRecord]
+    """as they were, and the whole weld"""
+
+
+def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:
+    """Judge the weld in a bag by a procedure; returns also its course, for figures.
+
+    Raises
+    ------
+    fsw_recorder.errors.BagError
+        There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
+    """
+    signals = load_weld(bag, progress)
+    with BagReader(bag) as reader:
+        custom = dict(reader.metadata.custom_data)
+    sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
+    if not np.isfinite(sensors).any():
+        raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")
+    wanted, names = [one.name for one in procedure.phases], [name for name, _ in signals.phases]
+    if not set(wanted) & set(names):
+        actual = f"it has {', '.join(names)}" if names else "no phase is on /fsw/weld_progress"
+        raise BagError(
+            f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
+            "with a programme, or its own procedure"
+        )
+    return assemble(signals, procedure, custom, _files(bag))
+
+
+def assemble(
+    signals: WeldSignals, procedure: Procedure, custom: Mapping[str, str], files: tuple[BagFile, ...] = ()
+) -> tuple[Record, Course]:
+    """The record of a weld from its signals and the custom data of its bag."""
+    course = course_of(signals)
+    found = exceedances(course, procedure)
+    start_ns = int(signals.stamp_ns[0])
+    lost = custom.get("lost_messages", "")
+    parameters = _parameters(signals, procedure)
+    evidence = Evidence(
+        problems=tuple(signals.problems),
+        lost=int(lost) if lost.isdecimal() else None,
+        has_states=bool(signals.counts.get("/fsw/supervisor/state")),
+        stamp_ns=None if start_ns < _SIMULATED_NS else start_ns,
+        parameters=parameters,
+        unusable=unusable_samples(course),
+    )
+    rules = judge(course, procedure, found, signals.events, evidence)
+    verdict, deciding = decide(rules)
+    record = Record(
+        verdict=verdict,
+        deciding=deciding,
+        rules=tuple(rules),
+        procedure=ProcedureIdentity(
+            id=procedure.id, revision=procedure.revision, date=procedure.date, sha256=procedure.sha256
+        ),
+        bag=_name(signals.path),
+        files=files,
+        identity={key: custom[key] for key in IDENTITY if key in custom},
+        start_ns=start_ns,
+        simulated_time=evidence.stamp_ns is None,
+        duration_s=_round(course.time_s[-1] - course.time_s[0]),
+        controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
+        operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
+        software=_software(signals.attachments),
+        parameters_sha256=parameters,
+        attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
+        cannot_say=tuple(_cannot_say(signals, custom, evidence)),
+        exceedances=tuple(found),
+        missing=course.missing,
+        unusable=evidence.unusable,
+        gaps=tuple(Gap(begin_s=_round(begin), duration_s=_round(length)) for begin, length in course.gaps),
+        held_s=_round(TICK_S * float(np.sum((course.mode != "auto") & (course.mode != "")))),
+        events=tuple(_events(signals, course)),
+        phases=tuple(_phases(course, procedure)),
+    )
+    return record, course
+
+
+def _files(bag: Path) -> tuple[BagFile, ...]:
+    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.is_file())
+    found = []
+    for path in paths:
+        with path.open("rb") as file:
+            found.append(
+                BagFile(
+                    name=path.name, bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest()
+                )
+            )
+    return tuple(found)
+
+
+def _name(path: Path) -> str:
+    """Name of a bag; a folder ``bag`` says nothing, so with that of its parent."""
+    whole = path.resolve()
+    return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
+
+
+def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
+    found = {}
+    for name in dict.fromkeys([*signals.proposals, *(one.name for one in procedure.controllers)]):
+        try:
+            values = recorded_parameters(signals.attachments, signals.namespace, name)
+        except BagError:
+            continue
+        found[name] = digest({key: value for key, value in values.items() if key not in _NOT_TUNING})
+    return found
+
+
+def _software(attachments: Mapping[str, bytes]) -> dict[str, str]:
+    try:
+        return {str(key): str(value) for key, value in json.loads(attachments["versions.json"]).items() if value}
+    except (KeyError, ValueError, AttributeError):
+        return {}
+
+
+def _who(event: WeldEvent) -> str:
+    return event.text.partition(": ")[0]
+
+
+def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence) -> list[str]:
+    lacking = [f"{what} ({topic} is not in the bag)" for topic, what in _SAYS.items() if not signals.counts.get(topic)]
+    lacking += [f"{problem}: what was there is not known" for problem in signals.problems]
+    if unknown := [key for key in IDENTITY if key not in custom]:
+        lacking.append(f"{', '.join(unknown)}: the recorder was not told (its parameter custom_data)")
+    if "versions.json" not in signals.attachments:
+        lacking.append("software versions (versions.json is not in the bag)")
+    if "lost_messages" not in custom:
+        lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
+    if evidence.stamp_ns is None:
+        lacking.append("the day of the weld (simulated time)")
+    return lacking
+
+
+def _events(signals: WeldSignals, course: Course) -> list[Event]:
+    found = list(signals.events)
+    if signals.truth is not None:
+        faults = signals.truth.active_faults
+        before = ""
+        for row in [0, *(np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()]:
+            if faults[row] != before:
+                text = f"emulated fault {faults[row]}" if faults[row] else "emulated faults are over"
+                found.append(WeldEvent(float(signals.time_s[row]), "fault", text))
+            before = faults[row]
+    angles = []
+    for one in found:
+        at = min(int(np.searchsorted(course.time_s, one.time_s - 1e-6)), course.time_s.size - 1)
+        angle = float(course.angle_deg[at])
+        angles.append(_round(angle) if np.isfinite(angle) else None)
+    rows = sorted(zip(found, angles, strict=True), key=lambda row: row[0])
+    return [Event(time_s=_round(one.time_s), kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
+
+
+def _phases(course: Course, procedure: Procedure) -> list[PhaseRecord]:
+    spans = [(name, ticks) for name, ticks in course.spans() if name]
+    return [_phase(course, procedure, name, ticks) for name, ticks in [*spans, ("whole weld", slice(None))]]
+
+
+def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:
+    values = {key: one[ticks] for key, one in course.values.items()}
+    time_s, power = course.time_s[ticks], values["power_kw"]
+    travel = course.travel_mm[ticks]
+    known = travel[np.isfinite(travel)]
+    travelled = _round(known[-1] - known[0]) if known.size else None
+    sensors = np.stack([values[key] for key in ("depth_mm", "torque_nm", "temperature_c")])
+    heat = None
+    if travelled and np.isfinite(power).all():
+        heat = _round(float(np.sum(power)) * TICK_S / travelled)
+    return PhaseRecord(
+        phase=name,
+        begin_s=_round(time_s[0]),
+        end_s=_round(time_s[-1]),
+        travel_mm=travelled,
+        missing=int(np.sum(~np.isfinite(sensors).all(axis=0))),
+        depth_mm=_statistics(values["depth_error_mm"], procedure, "depth_error_mm", name),
+        temperature_c=_statistics(values["temperature_error_c"], procedure, "temperature_error_c", name),
+        envelopes={
+            key: envelope
+            for key in ("torque_nm", "force_kn", "speed_rpm", "power_kw", "traverse_mm_per_min")
+            if (envelope := _envelope(values[key])) is not None
+        },
+        heat_input_kj_per_mm=heat,
+    )
+
+
+def _statistics(error: FloatArray, procedure: Procedure, variable: str, phase: str) -> Statistics | None:
+    of = ErrorStatistics.of(error)
+    if of is None:
+        return None
+    known = error[np.isfinite(error)]
+    limits = [one for one in procedure.quality if one.variable == variable and (not one.phases or phase in one.phases)]
+    inside = [beyond(known, one.min, one.max) == 0.0 for one in limits]
+    numbers = {key: _round(value) for key, value in asdict(of).items()}
+    return Statistics(
+        mean=numbers["mean"],
+        sigma=numbers["sigma"],
+        min=numbers["low"],
+        max=numbers["high"],
+        iae=_round(TICK_S * float(np.abs(known).sum())),
+        inside_share=_round(np.logical_and.reduce(inside).mean()) if inside else None,
+    )
+
+
+def _envelope(values: FloatArray) -> Envelope | None:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return None
+    return Envelope(min=_round(known.min()), mean=_round(known.mean()), max=_round(known.max()))
+
+
+def _round(value: float) -> float:
+    return round(float(value), 6)

@@ -1,0 +1,87 @@
+"""Writes the record of a weld: ``record.json``, and ``record.html`` and ``record.pdf`` from one template."""
+
+from __future__ import annotations
+
+import base64
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from fsw_quality import figures
+from fsw_quality.course import Course
+from fsw_quality.procedure import Procedure
+from fsw_quality.record import Record
+from fsw_schema.files import replacing
+
+#: exceedances and events in the page; the JSON has all
+MOST_ROWS = 60
+JSON, PAGE, PDF = "record.json", "record.html", "record.pdf"
+
+
+def can_write_pdf() -> bool:
+    """Whether the extra ``quality`` is installed."""
+    return find_spec("fpdf") is not None
+
+
+def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
+    """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``quality``."""
+    images = {"traces": figures.traces(course, procedure)}
+    if (drawn := figures.unrolled(course, procedure, record.exceedances)) is not None:
+        images["unrolled"] = drawn
+    templates = Environment(
+        loader=PackageLoader("fsw_quality"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    body = templates.get_template("body.html.j2").render(
+        record=record,
+        procedure=procedure,
+        images={name: f"data:image/png;base64,{base64.b64encode(data).decode()}" for name, data in images.items()},
+        most=MOST_ROWS,
+    )
+    title = f"Weld {record.bag}"
+    whole = {
+        JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
+        PAGE: templates.get_template("record.html.j2").render(title=title, body=body).encode(),
+    }
+    if can_write_pdf():
+        whole[PDF] = _pdf(body, title)
+    for name, data in whole.items():
+        with replacing(folder / name) as scratch:
+            scratch.write_bytes(data)
+    return [folder / name for name in whole]
+
+
+def _pdf(body: str, title: str) -> bytes:
+    from fpdf import FPDF, TextStyle  # of the extra
+
+    class Pages(FPDF):  # type: ignore[misc]
+        def footer(self) -> None:
+            self.set_y(-12)
+            self.set_font("DejaVu", size=7)
+            self.cell(0, 5, f"{title}, page {self.page_no()} of {{nb}}", align="C")
+
+    pages = Pages(format="A4")
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    for style, name in (("", "DejaVuSans"), ("B", "DejaVuSans-Bold"), ("I", "DejaVuSans-Oblique")):
+        pages.add_font("DejaVu", style, fonts / f"{name}.ttf")
+    pages.set_font("DejaVu", size=7.5)
+    pages.set_title(title)
+    pages.add_page()
+    heads = {
+        f"h{level}": TextStyle(color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3)
+        for level, size in ((1, 20), (2, 11))
+    }
+    pages.write_html(
+        body,
+        font_family="DejaVu",
+        table_line_separators=True,
+        li_prefix_color="#000000",
+        ul_bullet_char="–",
+        tag_styles=heads,
+    )
+    return bytes(pages.output())

@@ -1,0 +1,233 @@
+"""The rules that decide whether a weld is accepted, and the figure of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, date, datetime
+from enum import StrEnum
+from typing import Annotated
+
+import numpy as np
+from pydantic import Strict
+
+from fsw_analysis.weld_signals import WeldEvent
+from fsw_control.units import NANOSECONDS
+from fsw_control.weld import TICK_S as TICK
+from fsw_quality.course import Course
+from fsw_quality.exceedances import Exceedance, Kind, find
+from fsw_quality.procedure import SENSOR_NAMES, Procedure
+from fsw_schema.models import Model
+
+#: sensor of the signals that stand for it
+_SIGNAL = dict(zip(SENSOR_NAMES, ("depth_mm", "torque_nm", "temperature_c", "force_kn"), strict=True))
+#: travel that the last report of a phase may lack: twice the time between two reports
+_REPORTS_S = 2.0
+#: travel by which the first report of a phase, which comes when it begins, may be late: some ticks. Later, it was lost,
+#: and samples of this phase were judged by the limits of the one before.
+_BEGIN_S = 0.3
+#: swaps with these causes are wanted
+_ON_REQUEST = ("(operator", "(start")
+
+
+class Verdict(StrEnum):
+    """What becomes of the weld, the best first."""
+
+    ACCEPT = "accept"
+    REVIEW = "review"
+    REJECT = "reject"
+
+
+_ORDER = list(Verdict)
+
+
+class Rule(Model):
+    """A rule, its figure for this weld, and what follows from it alone."""
+
+    name: str
+    words: str
+    figure: str
+    verdict: Annotated[Verdict, Strict(False)]
+
+
+class Evidence(Model):
+    """What the rules need beside the course."""
+
+    problems: tuple[str, ...]
+    """of the bag"""
+    lost: int | None = None
+    """messages that the recorder reported as lost; none where it reported nothing"""
+    has_states: bool
+    """whether the supervisor's reports are on record"""
+    stamp_ns: int | None = None
+    """of the first tick; none in simulated time"""
+    parameters: dict[str, str]
+    """hash of the parameters by controller"""
+    unusable: dict[str, dict[str, int]]
+    """samples that are not used, by sensor and reason"""
+
+
+def decide(rules: Sequence[Rule]) -> tuple[Verdict, Rule]:
+    """The worst verdict, and the first rule that led to it; of an accepted weld, that all rules are kept."""
+    deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
+    if deciding.verdict is Verdict.ACCEPT:
+        deciding = Rule(name="all", words="every rule is kept", figure=f"{len(rules)} rules", verdict=Verdict.ACCEPT)
+    return deciding.verdict, deciding
+
+
+def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
+    """All exceedances of essential and quality limits and of the permitted set-points, in that order."""
+    found = []
+    for kind, limit in procedure.limits():
+        found += find(course, kind, limit.variable, (limit.min, limit.max), limit.words, limit.phases)
+    for name, point in procedure.set_points:
+        words = f"set-point {name} {point.min:g} to {point.max:g}"
+        found += find(course, "set_point", f"set_point_{name}", (point.min, point.max), words)
+    return found
+
+
+def judge(
+    course: Course, procedure: Procedure, found: Sequence[Exceedance], events: Sequence[WeldEvent], evidence: Evidence
+) -> list[Rule]:
+    """All rules, in the order of the record."""
+    return [
+        *_limits(procedure, found),
+        _complete(course, procedure),
+        _recording(course, evidence),
+        *_sensors(course, procedure, evidence),
+        *_controllers(course, procedure, evidence),
+        _swaps(procedure, events, evidence),
+        _modes(course, evidence),
+        _interlocks(events, evidence),
+    ]
+
+
+def _rule(name: str, words: str, figure: str, broken: bool, otherwise: Verdict = Verdict.REVIEW) -> Rule:
+    return Rule(name=name, words=words, figure=figure, verdict=otherwise if broken else Verdict.ACCEPT)
+
+
+def _limits(procedure: Procedure, found: Sequence[Exceedance]) -> Iterator[Rule]:
+    tolerated = procedure.acceptance.tolerated_s
+    wanted: list[tuple[Kind, str]] = [(kind, limit.words) for kind, limit in procedure.limits()]
+    wanted += [("set_point", f"set-point {name} {one.min:g} to {one.max:g}") for name, one in procedure.set_points]
+    for kind, words in wanted:
+        own = [one for one in found if one.kind == kind and one.limit == words]
+        longest = max((one.duration_s for one in own), default=0.0)
+        too_long = longest > tolerated + 1e-6
+        verdict = Verdict.ACCEPT
+        if kind == "essential" and own:
+            verdict = Verdict.REJECT if too_long else Verdict.REVIEW
+        elif (kind == "quality" and too_long) or (kind == "set_point" and own):
+            verdict = Verdict.REVIEW
+        yield Rule(name=kind.replace("_", "-"), words=words, figure=_extent(own, longest), verdict=verdict)
+
+
+def _extent(own: Sequence[Exceedance], longest: float) -> str:
+    if not own:
+        return "always inside"
+    missing = sum(one.missing for one in own)
+    furthest = max((one.beyond for one in own if one.beyond is not None), default=None)
+    how_often = "once" if len(own) == 1 else f"{len(own)} times"
+    parts = [f"{how_often}, {sum(one.duration_s for one in own):.1f} s, longest {longest:.1f} s"]
+    parts += [] if furthest is None else [f"by up to {furthest:.4g}"]
+    parts += [f"{missing} samples missing"] if missing else []
+    return ", ".join(parts)
+
+
+def _complete(course: Course, procedure: Procedure) -> Rule:
+    """Every phase in its order, to its end: of what is not on record nothing can be said."""
+    faults = []
+    names = [name for name, _ in course.spans() if name]
+    wanted = [phase.name for phase in procedure.phases]
+    if names != wanted:
+        faults.append(f"phases on record: {', '.join(names) or 'none'}")
+    spans = dict(course.spans())
+    deg_per_s = np.degrees(procedure.machine.traverse_mm_per_min / 60.0 / (0.5 * procedure.geometry.diameter_mm))
+    from_deg = 0.0
+    for phase in procedure.phases:
+        if phase.name not in spans:
+            continue
+        ticks = spans[phase.name]
+        if phase.to_deg is not None:
+            began = np.nanmin(course.angle_deg[ticks], initial=np.inf)
+            if not began <= from_deg + _BEGIN_S * deg_per_s:
+                faults.append(f"{phase.name} begins at {began:.1f} in place of {from_deg:g} deg")
+            from_deg = phase.to_deg
+            reached = np.nanmax(course.angle_deg[ticks], initial=-np.inf)
+            if not reached >= phase.to_deg - _REPORTS_S * deg_per_s:
+                faults.append(f"{phase.name} reaches {reached:.1f} of {phase.to_deg:g} deg")
+        elif phase.duration_s is not None:
+            # the phase begins a tick before its first sample and ends with the sample of the next one
+            lasts_s = course.time_s[ticks.stop - 1] - course.time_s[ticks.start] + 2.0 * TICK
+            if lasts_s < phase.duration_s - 1e-6:
+                faults.append(f"{phase.name} lasts {lasts_s:.1f} of {phase.duration_s:g} s")
+    if course.end != "done":
+        faults.append(f"the weld was {course.end}" if course.end else "the end of the weld is not on record")
+    return _rule("complete", f"phases {', '.join(wanted)}", "; ".join(faults) or "all", bool(faults), Verdict.REJECT)
+
+
+def _recording(course: Course, evidence: Evidence) -> Rule:
+    faults = [*evidence.problems]
+    if evidence.lost is None:
+        faults.append("whether messages were lost is not on record")
+    elif evidence.lost:
+        faults.append(f"{evidence.lost} messages lost")
+    if course.gaps:
+        longest = max(length for _, length in course.gaps)
+        faults.append(f"{len(course.gaps)} gaps, longest {longest:.1f} s")
+    return _rule("recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults))
+
+
+def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterator[Rule]:
+    stamp = evidence.stamp_ns
+    day = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, tz=UTC).date()
+    for sensor in procedure.sensors:
+        missing = course.missing[_SIGNAL[sensor.name]]
+        faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
+        reasons = evidence.unusable.get(sensor.name, {})
+        faults += [f"{count} {reason}" for reason, count in reasons.items() if reason != "missing"]
+        if sensor.calibration_due is not None and day is None:
+            faults.append("the day of the weld is not known (simulated time)")
+        elif (
+            sensor.calibration_due is not None and day is not None and day > date.fromisoformat(sensor.calibration_due)
+        ):
+            faults.append(f"welded on {day.isoformat()}")
+        due = f", calibrated until {sensor.calibration_due}" if sensor.calibration_due else ""
+        yield _rule("sensor", f"{sensor.name} on record and usable{due}", "; ".join(faults) or "yes", bool(faults))
+
+
+def _controllers(course: Course, procedure: Procedure, evidence: Evidence) -> Iterator[Rule]:
+    permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
+    sources, counts = np.unique(course.source.astype(str), return_counts=True)
+    times = {name: count * TICK for name, count in zip(sources.tolist(), counts.tolist(), strict=True)}
+    foreign = {name: time_s for name, time_s in times.items() if name not in permitted}
+    figure = ", ".join(f"{name or 'not on record'} {time_s:.1f} s" for name, time_s in times.items())
+    yield _rule("controller", f"commands of {', '.join(permitted)} only", figure, bool(foreign))
+    for name, wanted in permitted.items():
+        if wanted is not None and name in times:
+            actual = evidence.parameters.get(name, "not on record")
+            yield _rule("tuning", f"{name}: parameters {wanted[:12]}…", actual[:13], actual != wanted)
+
+
+def _swaps(procedure: Procedure, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
+    swaps = [one.text for one in events if one.kind == "swap" and "(start" not in one.text]
+    unwanted = [one for one in swaps if not any(cause in one for cause in _ON_REQUEST)]
+    words = "swaps on request only" if procedure.acceptance.swaps_allowed else "no swap"
+    broken = bool(unwanted if procedure.acceptance.swaps_allowed else swaps) or not evidence.has_states
+    figure = f"{len(swaps)} swaps, {len(unwanted)} not on request" if evidence.has_states else "not on record"
+    return _rule("swaps", words, figure, broken)
+
+
+def _modes(course: Course, evidence: Evidence) -> Rule:
+    others = {
+        mode: float(TICK * np.sum(course.mode == mode)) for mode in sorted({*course.mode.tolist()} - {"auto", ""})
+    }
+    unknown = int(np.sum(course.mode == ""))
+    faults = [f"{mode} {time_s:.1f} s" for mode, time_s in others.items()]
+    faults += [f"not on record at {unknown} ticks"] if unknown else []
+    return _rule("mode", "auto throughout", ", ".join(faults) or "yes", bool(faults) or not evidence.has_states)
+
+
+def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
+    trips = [one.text for one in events if one.kind == "interlock" and one.text.endswith(":trip")]
+    figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
+    return _rule("interlocks", "none trips", figure, bool(trips) or not evidence.has_states)

@@ -1,0 +1,16 @@
+"""Ament package of the welding procedure and the record of a weld."""
+
+from setuptools import find_packages, setup
+
+package_name = "fsw_quality"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed", "procedures/*.yaml", "templates/*.j2"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+)

@@ -1,0 +1,95 @@
+"""The welding procedure: what is refused, and where the shipped one has its figures from."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from fsw_control import weld
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
+from fsw_quality import procedure
+from fsw_quality.procedure import Procedure
+from fsw_schema.models import InputError
+
+
+def content() -> dict[str, Any]:
+    values: dict[str, Any] = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
+    return values
+
+
+def written(folder: Path, values: dict[str, Any]) -> Path:
+    file = folder / "procedure.yaml"
+    file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        ("essential.0.min", 920.0, "essential[0] is impossible: min 920 is not below max 910"),
+        ("essential.0.max", 890.0, "essential[0] is impossible: set-points from 800 to 900 are permitted outside it"),
+        ("essential.0.phases", ["lid"], "names phase lid, which is not one of dwell"),
+        ("essential.0.variable", "colour", "essential[0].variable is 'colour'; one of depth_mm"),
+        ("set_points.depth_mm.value", 9.0, "set_points.depth_mm is impossible: min 1.5, value 9, max 3.4 must ascend"),
+        ("set_points.depth_mm.max", 5.0, "set_points.depth_mm.max = 5 is outside 1.5 to 4 mm"),
+        ("phases.2.to_deg", 5.0, "phases do not ascend in to_deg"),
+        ("phases.1.name", "dwell", "phases names dwell twice"),
+        ("controllers.0.parameters_sha256", "abc", "is not a SHA-256"),
+        ("sensors.0.calibration_due", "tomorrow", "not a date; write it in quotes"),
+        ("sensors.0.name", "smell", "is 'smell', not a sensor; known: depth"),
+        ("revison", "B", "revison is an unknown key; did you mean revision?"),
+        ("format", "other", "format is 'other'"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, path: str, value: object, said: str) -> None:
+    values = content()
+    *steps, last = path.split(".")
+    inside: Any = values
+    for step in steps:
+        inside = inside[int(step)] if step.isdecimal() else inside[step]
+    inside[last] = value
+    with pytest.raises(InputError) as refused:
+        procedure.load(written(tmp_path, values))
+    assert said in str(refused.value) and "procedure.yaml" in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
+    one, values = procedure.load("copper_lid"), content()
+    assert procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == one.sha256
+    values["essential"][0]["max"] += 1e-9
+    assert procedure.load(written(tmp_path, values)).sha256 != one.sha256
+
+
+def test_differences_name_what_changed() -> None:
+    old, values = procedure.load("copper_lid"), content()
+    values["essential"][0]["max"] = 905.0
+    values["sensors"].pop(0)
+    new = Procedure.model_validate(values)
+    assert procedure.differences(old, new) == [
+        ("essential[temperature_c].max", "910", "905"),
+        ("sensors[depth].name", "depth", "-"),
+    ]
+    assert procedure.differences(old, old) == []
+
+
+def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
+    found = procedure.load("copper_lid")
+    limits = {one.variable: one for _, one in found.limits()}
+    interlocks = defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
+    temperature = limits["temperature_c"]
+    assert (temperature.min, temperature.max) == (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
+    for variable in ("depth_mm", "force_kn", "torque_nm", "power_kw"):
+        name = f"interlocks.{variable.partition('_')[0]}_high.trip"
+        assert limits[variable].max == interlocks[name], variable
+    assert (limits["speed_rpm"].min, limits["speed_rpm"].max) == (weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM)
+    assert limits["force_kn"].min == weld.FORCE_MIN_KN
+    assert limits["depth_error_mm"].max == weld.QUALITY_DEPTH_MM
+    points = found.set_points
+    assert (points.depth_mm.value, points.temperature_c.value) == (weld.DEPTH_MM, weld.TEMPERATURE_C)
+    assert points.depth_mm.max == interlocks["interlocks.depth_high.warn"]
+    assert points.temperature_c.min == interlocks["interlocks.temperature_low.warn"]
+    assert points.temperature_c.max == interlocks["interlocks.temperature_high.warn"]
+    assert found.acceptance.tolerated_s == interlocks["validity.hold"]
+    assert found.acceptance.tolerated_s == pytest.approx(interlocks["interlocks.persistence_ticks"] * weld.TICK_S)

@@ -1,0 +1,260 @@
+"""The verdict: no weld outside an essential limit is accepted, and missing data never make a verdict better."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
+from fsw_quality.procedure import Procedure, digest
+from fsw_quality.record import Record, assemble
+from fsw_quality.verdict import Verdict
+from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
+
+ORDER = list(Verdict)
+PROCEDURE = short_procedure()
+COMPLETE = {"lost_messages": "0"}
+JOINT_LINE = {"name": "joint_line", "to_deg": 1.0, "source": "test"}
+TICK = st.integers(0, TICKS - 1)
+#: arrays of a weld that the sensors and drives fill
+ARRAYS = ("depth_mm", "torque_nm", "temperature_c", "force_kn", "speed_rpm")
+
+
+def judged(weld: WeldSignals, procedure: Procedure = PROCEDURE, custom: dict[str, str] = COMPLETE) -> Record:
+    return assemble(weld, procedure, custom)[0]
+
+
+def array(weld: WeldSignals, name: str) -> Any:
+    return getattr(weld.drives if name in ("force_kn", "speed_rpm") else weld, name)
+
+
+def without(weld: WeldSignals, ticks: list[int]) -> WeldSignals:
+    """A weld without some ticks on any topic."""
+    kept = np.setdiff1d(np.arange(weld.n_ticks), ticks)
+
+    def cut(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value[kept]
+        if isinstance(value, DriveSignals):
+            return DriveSignals(value.force_kn[kept], value.speed_rpm[kept])
+        return value
+
+    return replace(weld, **{one.name: cut(getattr(weld, one.name)) for one in fields(weld)})
+
+
+def test_a_good_weld_is_accepted() -> None:
+    record = judged(good_weld())
+    assert record.verdict is Verdict.ACCEPT and record.deciding.name == "all"
+    assert not record.exceedances and not record.gaps and not any(record.missing[name] for name in ARRAYS)
+    assert [one.phase for one in record.phases] == ["dwell", "joint_line", "whole weld"]
+
+
+LIMITS = [
+    *(("temperature_c", below) for below in (789.9, 910.1)),
+    *(("depth_mm", 3.71), ("torque_nm", 1601.0), ("force_kn", 59.9), ("force_kn", 97.1)),
+    *(("speed_rpm", 299.0), ("speed_rpm", 501.0)),
+]
+
+
+@given(st.sampled_from(LIMITS), TICK, st.integers(1, 10))
+def test_one_sample_outside_an_essential_limit_is_never_accepted(
+    limit: tuple[str, float], tick: int, ticks: int
+) -> None:
+    weld, (name, value) = good_weld(), limit
+    array(weld, name)[tick : tick + ticks] = value
+    record = judged(weld)
+    own = [one for one in record.exceedances if one.kind == "essential" and one.variable == name]
+    assert [one.samples for one in own] == [min(ticks, TICKS - tick)]
+    assert own[0].begin_s == pytest.approx(0.1 * (tick + 1)) and own[0].extreme == value
+    assert record.verdict is (Verdict.REJECT if own[0].samples > 3 else Verdict.REVIEW)
+    assert record.deciding.name == "essential"
+
+
+@st.composite
+def spoilt(draw: st.DrawFn) -> WeldSignals:
+    """A weld with some samples anywhere, far outside or a little."""
+    weld = good_weld()
+    for _ in range(draw(st.integers(0, 4))):
+        values, begin = array(weld, draw(st.sampled_from(ARRAYS))), draw(TICK)
+        values[begin : begin + draw(st.integers(1, 12))] *= draw(st.sampled_from((0.5, 0.985, 1.015, 1.5)))
+    if draw(st.booleans()):
+        begin = draw(TICK)
+        weld.actual_mode[begin : begin + 5] = draw(st.sampled_from(("hold", "manual", "safe_stop")))
+    if draw(st.booleans()):
+        weld.command_source[draw(TICK) :] = draw(st.sampled_from(("nmpc", "manual", "stranger")))
+    return weld
+
+
+@given(spoilt(), st.data())
+def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.DataObject) -> None:
+    whole, custom = judged(weld).verdict, dict(COMPLETE)
+    poorer = deepcopy(weld)
+    for name in (*ARRAYS, "angle_deg", "reference_depth_mm", "reference_temperature_c"):
+        array(poorer, name)[data.draw(st.lists(TICK, max_size=6))] = np.nan
+    for texts in (poorer.command_source, poorer.actual_mode):
+        texts[data.draw(st.lists(TICK, max_size=3))] = ""
+    poorer = without(poorer, data.draw(st.lists(TICK, max_size=8)))
+    if data.draw(st.booleans()):
+        keep = data.draw(st.integers(DWELL, TICKS - 1))
+        poorer = without(poorer, list(range(keep, poorer.n_ticks)))
+        poorer.events = [one for one in poorer.events if one.time_s <= poorer.time_s[-1]]
+        poorer.phases = [one for one in poorer.phases if one[1] <= poorer.time_s[-1]]
+    if data.draw(st.booleans()):
+        poorer.drives = None
+    if data.draw(st.booleans()):
+        poorer.counts = {}
+    if data.draw(st.booleans()):
+        custom = {}
+    record = judged(poorer, custom=custom)
+    assert ORDER.index(record.verdict) >= ORDER.index(whole)
+
+
+@given(st.lists(TICK, min_size=1, max_size=8))
+def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
+    record = judged(without(good_weld(), ticks))
+    assert record.verdict is not Verdict.ACCEPT
+    assert sum(one.duration_s for one in record.gaps) == pytest.approx(0.1 * len(set(ticks)))
+
+
+def test_a_gap_spans_its_ticks_wherever_they_are() -> None:
+    """Between its neighbours, also at both ends: when the programme began and was done is on record."""
+    record = judged(without(good_weld(), [0, 20, 21, 22, TICKS - 1]))
+    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [(0.1, 0.1), (2.1, 0.3), (6.0, 0.1)]
+
+
+def test_what_was_before_the_programme_is_no_part_of_the_weld() -> None:
+    weld = good_weld()
+    weld.phases[0] = ("dwell", 0.3)
+    weld.temperature_c[:2] = 20.0
+    record = judged(weld, short_procedure(phases=[{"name": "dwell", "duration_s": 0.8, "source": "test"}, JOINT_LINE]))
+    assert record.verdict is Verdict.ACCEPT and record.phases[0].begin_s == 0.3
+
+
+def test_a_phase_that_begins_late_or_ends_early_is_not_complete() -> None:
+    weld = good_weld()
+    weld.phases[1] = ("joint_line", 0.1 * DWELL + 0.5)  # the report at its beginning is lost
+    assert "joint_line begins at 0.1 in place of 0 deg" in judged(weld).deciding.figure
+    weld = good_weld()
+    weld.angle_deg[DWELL - 1 :] += 0.5
+    assert "joint_line begins at 0.5 in place of 0 deg" in judged(weld).deciding.figure
+    weld.angle_deg[:] = 0.0
+    assert "joint_line reaches 0.0 of 1 deg" in judged(weld).deciding.figure
+    weld.phases[0] = ("dwell", 0.2)
+    assert "dwell lasts 0.9 of 1 s" in judged(weld).deciding.figure
+
+
+def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
+    """A weld, fields of the procedure, and custom data of the bag."""
+    weld, changes, custom = good_weld(), {}, dict(COMPLETE)
+    if name == "set-point":
+        weld.reference_depth_mm[30:32] = 3.5
+    elif name == "quality":
+        weld.depth_mm[30:34] += 0.11
+    elif name == "recording":
+        weld.problems.append("bag_0.mcap: chunk 3 is damaged")
+    elif name == "sensor":
+        changes = {"sensors": [{"name": "depth", "calibration_due": "2020-01-01"}]}
+    elif name == "controller":
+        weld.command_source[30:] = "manual"
+    elif name == "tuning":
+        changes = {"controllers": [{"name": "decentral", "parameters_sha256": digest({"gain": 1.0})}]}
+        parameters = {"/fsw_decentral": {"ros__parameters": {"gain": 1.1}}}
+        weld.attachments["parameters/fsw_decentral.yaml"] = yaml.safe_dump(parameters).encode()
+    elif name == "swaps":
+        weld.events.insert(0, WeldEvent(0.5, "swap", "nmpc commands (failover: decentral is late)"))
+    elif name == "mode":
+        weld.actual_mode[10:12] = "hold"
+    elif name == "interlocks":
+        weld.events.insert(0, WeldEvent(0.5, "interlock", "interlock torque_high:trip"))
+    elif name == "complete":
+        weld.events[-1] = WeldEvent(6.0, "weld", "weld aborted")
+    elif name == "lost":
+        custom["lost_messages"] = "2"
+    return weld, changes, custom
+
+
+@pytest.mark.parametrize(
+    "rule",
+    ["set-point", "quality", "recording", "sensor", "controller", "tuning", "swaps", "mode", "interlocks", "complete"],
+)
+def test_each_rule_alone_decides(rule: str) -> None:
+    weld, changes, custom = broken(rule)
+    record = judged(weld, short_procedure(**changes), custom)
+    assert {one.name for one in record.rules if one.verdict is not Verdict.ACCEPT} == {rule}
+    assert record.deciding.name == rule
+    assert record.verdict is (Verdict.REJECT if rule == "complete" else Verdict.REVIEW)
+
+
+def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
+    weld, _, custom = broken("lost")
+    assert judged(weld, custom=custom).deciding.figure == "2 messages lost"
+    assert judged(weld, custom={}).deciding.figure == "whether messages were lost is not on record"
+    weld.counts = {}
+    record = judged(weld)
+    assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {"swaps", "mode", "interlocks"}
+    assert any("/fsw/supervisor/state is not in the bag" in one for one in record.cannot_say)
+
+
+def test_the_same_tuning_is_recognised() -> None:
+    weld, changes, _ = broken("tuning")
+    weld.attachments["parameters/fsw_decentral.yaml"] = (
+        b"/fsw_decentral: {ros__parameters: {gain: 1.0, use_sim_time: true}}"
+    )
+    record = judged(weld, short_procedure(**changes))
+    assert record.verdict is Verdict.ACCEPT and record.parameters_sha256["decentral"] == digest({"gain": 1.0})
+
+
+def test_a_frozen_sensor_is_for_review() -> None:
+    weld = good_weld()
+    weld.temperature_c += np.random.default_rng(0).normal(0.0, 0.1, TICKS)
+    weld.temperature_c[40:] = weld.temperature_c[40]
+    record = judged(weld)
+    assert record.verdict is Verdict.REVIEW and record.unusable["thermocouple"]["frozen"] > 5
+    assert "frozen" in record.deciding.figure and record.deciding.words.startswith("thermocouple")
+
+
+def test_a_swap_on_request_is_as_the_procedure_says() -> None:
+    weld = good_weld()
+    weld.events.insert(0, WeldEvent(3.0, "swap", "nmpc commands (operator: requested)"))
+    weld.command_source[30:] = "nmpc"
+    assert judged(weld).verdict is Verdict.ACCEPT
+    strict = PROCEDURE.acceptance.model_dump() | {"swaps_allowed": False}
+    assert judged(weld, short_procedure(acceptance=strict)).deciding.name == "swaps"
+
+
+def test_where_an_exceedance_was() -> None:
+    weld = good_weld()
+    weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]
+    [found] = [one for one in judged(weld).exceedances if one.kind == "essential" and one.variable == "temperature_c"]
+    assert (found.begin_s, found.duration_s, found.samples, found.missing) == (3.1, 0.5, 5, 1)
+    assert (found.extreme, found.beyond) == (915.0, 5.0)
+    assert found.phases == ("joint_line",) and found.commanded_by == "decentral"
+    assert found.angle_deg == pytest.approx((0.42, 0.50)) and found.travel_mm == pytest.approx((4.2, 5.0), abs=0.05)
+
+
+def test_a_limit_of_a_phase_holds_there_only() -> None:
+    weld = good_weld()
+    weld.temperature_c[:] += np.where(np.arange(TICKS) < DWELL - 1, 11.0, 0.0)
+    assert judged(weld).verdict is Verdict.ACCEPT
+    weld.temperature_c[DWELL - 1 : DWELL + 3] += 11.0
+    assert judged(weld).deciding.words == "temperature_error_c -10 to 10 in joint_line"
+
+
+def test_figures_of_a_phase() -> None:
+    weld = good_weld()
+    weld.depth_mm += np.where(np.arange(TICKS) % 2, 0.02, -0.01)
+    dwell, joint_line, whole = judged(weld).phases
+    assert dwell.heat_input_kj_per_mm is None and joint_line.travel_mm == pytest.approx(10.0, abs=0.2)
+    # 1050 N m at 407.576 rpm are 44.815 kW, for 5.1 s over 10 mm
+    assert joint_line.heat_input_kj_per_mm == pytest.approx(44.815 * 5.1 / joint_line.travel_mm, rel=1e-4)
+    assert whole.depth_mm is not None and whole.depth_mm.inside_share == 1.0
+    assert (whole.depth_mm.mean, whole.depth_mm.sigma) == pytest.approx((0.005, 0.015))
+    assert whole.depth_mm.iae == pytest.approx(0.1 * (30 * 0.02 + 30 * 0.01))
+    assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(120.0, rel=0.01)
