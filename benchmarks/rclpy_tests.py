@@ -4,7 +4,7 @@
     git clone -b jazzy https://github.com/ros2/rcl_interfaces
     python3 benchmarks/rclpy_tests.py rclpy/rclpy/test --fixtures rcl_interfaces/test_msgs/src
 
-Actions and lifecycle, which rclpy_embedded does not have, are left out unless ``--all`` is given. With ``--genuine``,
+Lifecycle, which rclpy_embedded does not have, is left out unless ``--all`` is given. With ``--genuine``,
 in a shell where ROS 2 is sourced, its own rclpy is tested.
 """
 
@@ -31,7 +31,7 @@ from sides import WORKSPACE
 from fsw_control.free_domain import free_domain
 
 #: what rclpy_embedded does not have
-NOT_HERE = ("test_action_", "test_lifecycle")
+NOT_HERE = ("test_lifecycle",)
 _TIMEOUT_S, _FILE_TIMEOUT_S = 60, 600
 
 
@@ -72,7 +72,7 @@ def main() -> int:
     arguments = parser(__doc__, "one file, test_qos.py")
     arguments.add_argument("tests", type=Path, metavar="FOLDER", help="rclpy/rclpy/test of rclpy's repository")
     arguments.add_argument("--fixtures", type=Path, metavar="FOLDER", help="holds the Python package test_msgs")
-    arguments.add_argument("--all", action="store_true", help="actions and lifecycle, too")
+    arguments.add_argument("--all", action="store_true", help="lifecycle, too")
     arguments.add_argument("--genuine", action="store_true", help="test the rclpy of the ROS 2 that is sourced")
     arguments.add_argument("--keep", type=Path, metavar="FOLDER", help="keep pytest's output of each file here")
     parsed = arguments.parse_args()

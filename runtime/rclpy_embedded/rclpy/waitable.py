@@ -1,6 +1,6 @@
 """Waitables: what an executor waits for besides the other entities."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,11 @@ class Waitable:
         self.callback_group.add_entity(self)
         self._futures: list[Future] = []
 
+    @property
+    def conditions(self) -> Sequence[Any]:
+        """All DDS entities that wake the executor."""
+        return () if self.condition is None else (self.condition,)
+
     def add_future(self, future: Future) -> None:
         """Let the executor run the done callbacks of `future`."""
         self._futures.append(future)
@@ -49,6 +54,9 @@ class Waitable:
     def _take(self) -> Callable[[], Any]:
         data = self.take_data()
         return lambda: self.execute(data)
+
+    def _end(self) -> None:
+        """End with the node."""
 
     async def execute(self, taken_data: Any) -> None:
         """Process what was taken."""

@@ -23,7 +23,7 @@ _EMPTY = (d.Member("structure_needs_at_least_one_member", d.BasicType("uint8")),
 
 @cache
 def type_hash(type_name: str) -> str:
-    """RIHS01 hash of a message, a service or a part of one (REP 2016); raises like `catalogue.structure`."""
+    """RIHS01 hash of a message, a service, an action or a part of one (REP 2016); raises like `catalogue.structure`."""
     return "RIHS01_" + sha256(json.dumps(type_description(type_name)).encode()).hexdigest()
 
 

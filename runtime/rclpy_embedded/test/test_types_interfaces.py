@@ -18,8 +18,9 @@ import rosidl_embedded
 from rosidl_embedded import catalogue, search, stubs
 from rosidl_embedded.definition import InvalidInterfaceError, UnknownInterfaceError
 from rosidl_embedded.description import type_sources
-from rosidl_embedded.parser import parse_service, parse_structure
+from rosidl_embedded.parser import parse_action, parse_service, parse_structure
 from rosidl_embedded.typesupport import (
+    get_action,
     get_message,
     get_service,
     interface_definition,
@@ -162,6 +163,37 @@ def test_field_defined_twice() -> None:
 def test_service_needs_two_parts(text: str) -> None:
     with pytest.raises(InvalidInterfaceError, match="exactly one line '---'"):
         parse_service(text, "pkg/srv/Name", "Name.srv")
+
+
+@pytest.mark.parametrize("text", ["", "int8 x\n---\nint8 y", "---\n---\n---"])
+def test_an_action_has_three_parts(text: str) -> None:
+    with pytest.raises(InvalidInterfaceError, match="exactly two lines '---' between goal and result and feedback"):
+        parse_action(text, "pkg/action/Name", "Name.action")
+
+
+def test_errors_in_actions_name_the_line() -> None:
+    with pytest.raises(InvalidInterfaceError, match="line 4: 'Y' is not a field's name"):
+        parse_action("int8 x\n---\n---\nint8 Y", "pkg/action/Name", "Name.action")
+
+
+def test_actions_have_the_members_of_genuine_ones() -> None:
+    from test_msgs.action import Fibonacci
+
+    assert get_action("test_msgs/action/Fibonacci") is Fibonacci
+    assert Fibonacci.Impl.SendGoalService is get_service("test_msgs/action/Fibonacci_SendGoal")
+    assert Fibonacci.Impl.SendGoalService.Request().goal == Fibonacci.Goal()
+    assert Fibonacci.Impl.GetResultService.Response(status=4, result=Fibonacci.Result(sequence=[1])).status == 4
+    assert Fibonacci.Impl.FeedbackMessage().get_fields_and_field_types() == {
+        "goal_id": "unique_identifier_msgs/UUID",
+        "feedback": "test_msgs/Fibonacci_Feedback",
+    }
+    assert Fibonacci.Impl.CancelGoalService.__name__ == "CancelGoal"
+    assert Fibonacci.Impl.GoalStatusMessage.__name__ == "GoalStatusArray"
+    assert Fibonacci.__module__ == Fibonacci.Goal.__module__ == "test_msgs.action"
+    with pytest.raises(NotImplementedError, match="Action classes can not be instantiated"):
+        Fibonacci()
+    with pytest.raises(UnknownInterfaceError, match="is not an action"):
+        get_action("test_msgs/action/Fibonacci_Goal")
 
 
 def test_errors_in_the_response_name_the_line_of_the_file() -> None:
