@@ -259,9 +259,11 @@ class Executor:
                 if made is not None:
                     return made, entity, node
         if self._due is None:
-            with self._lock:
-                self._tasks = [task for task in self._tasks if not task.done()]
-                self._due = [task for task in self._tasks if task._resumable]
+            self._due = []
+            if self._tasks:
+                with self._lock:
+                    self._tasks = [task for task in self._tasks if not task.done()]
+                    self._due = [task for task in self._tasks if task._resumable]
         while self._due:
             task = self._due.pop()
             if task._resumable and not task.done() and not task.executing():

@@ -7,8 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from cyclonedds.core import Policy
-from rclpy.action import ActionClient, ActionServer
+from rclpy.action import (
+    ActionClient,
+    ActionServer,
+    get_action_names_and_types,
+    get_action_server_names_and_types_by_node,
+)
 from rclpy.impl.graph import user_data_field
 from test_msgs.action import Fibonacci
 
@@ -54,6 +60,18 @@ def test_endpoints(node: Any) -> None:
     server.destroy()
     assert not [e for e in graph.endpoints(writers=True) if "/_action/" in e.topic_name]
     assert list(node.waitables) == [w for w in node.waitables if not isinstance(w, ActionServer | ActionClient)]
+
+
+def test_remapping(context: Any) -> None:
+    args = ["--ros-args", "-r", "weld:=/cell/weld", "-r", "/cell/weld/_action/status:=/status"]
+    node = rclpy.create_node("remapped", context=context, cli_args=args)
+    ActionServer(node, Fibonacci, "weld", lambda _: None)
+    ActionClient(node, Fibonacci, "weld")
+    type_name = ["test_msgs/action/Fibonacci"]
+    assert get_action_names_and_types(node) == [("/cell/weld", type_name)]
+    assert get_action_server_names_and_types_by_node(node, "remapped", "/") == [("/cell/weld", type_name)]
+    assert node.count_publishers("/status") == 1
+    assert dict(node.get_service_names_and_types())["/cell/weld/_action/send_goal"] == [f"{type_name[0]}_SendGoal"]
 
 
 def test_actions_end_with_their_node(node: Any) -> None:

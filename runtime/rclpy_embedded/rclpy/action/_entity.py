@@ -36,9 +36,10 @@ class ActionEntity(Waitable):
 
     def _open(self, kind: Any, interface: Any, part: str, qos_profile: QoSProfile, **options: Any) -> Any:
         """Make an endpoint for one part of the action; if that fails, close those that were made before."""
-        node, name = self._node, f"{self._action_name}/_action/{part}"
-        is_topic = part in ("feedback", "status")
+        node, is_topic = self._node, part in ("feedback", "status")
         try:
+            # The action is remapped as a whole, as since rcl_action 9.2.8, and each part of it, as before.
+            name = f"{node.resolve_topic_name(self._action_name)}/_action/{part}"
             full_name = node.resolve_topic_name(name) if is_topic else node.resolve_service_name(name)
             arguments = [node.handle, interface, name, full_name, qos_profile]
             if is_topic:

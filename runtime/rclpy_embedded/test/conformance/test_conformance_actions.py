@@ -254,7 +254,7 @@ def test_results_expire(node: Any, pair: Callable[..., Pair]) -> None:
 
 def test_a_long_goal_keeps_its_result(node: Any, pair: Callable[..., Pair], genuine: bool) -> None:
     if genuine:
-        pytest.skip("counts from the acceptance of the goal")
+        pytest.skip("before rcl_action 9.2.7 it counts from the acceptance of the goal")
     waiting = Waiting()
     action = pair(execute_callback=waiting.execute, result_timeout=1.0)
     goal_handle = action.goal()
