@@ -1,7 +1,10 @@
 """Waitables: what an executor waits for besides the other entities."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from operator import add
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -18,6 +21,9 @@ class NumberOfEntities:
     num_clients: int = 0
     num_services: int = 0
     num_events: int = 0
+
+    def __add__(self, other: NumberOfEntities) -> NumberOfEntities:
+        return NumberOfEntities(*map(add, astuple(self), astuple(other)))
 
 
 class Waitable:
