@@ -273,6 +273,32 @@ def test_definition_text_reads_back(name: str) -> None:
     assert parse_structure(text, name, "text") == catalogue.structure(name)
 
 
+def test_definition_text_of_feedback_reads_recorded_feedback() -> None:
+    name = "test_msgs/action/NestedMessage_FeedbackMessage"
+    message = get_message(name)()
+    message.feedback.nested_field.byte_value = b"\7"
+    message.feedback.nested_different_pkg.sec = 9
+    store = get_typestore(Stores.EMPTY)
+    # rosbags knows messages only, but reads what mcap readers read.
+    store.register(get_types_from_msg(interface_definition(name), name))
+    read = store.deserialize_cdr(type_support(type(message)).serialize(message), name)
+    assert read.feedback.nested_different_pkg.sec == 9
+    assert read.feedback.nested_field.byte_value == 7
+    assert interface_definition("test_msgs/action/Fibonacci_FeedbackMessage").startswith(
+        "unique_identifier_msgs/UUID goal_id\ntest_msgs/Fibonacci_Feedback feedback\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["test_msgs/srv/Arrays_Request", "rcl_interfaces/srv/ListParameters_Request"])
+def test_definition_text_of_a_request_reads_back(name: str) -> None:
+    read = parse_structure(interface_definition(name).split("=" * 80)[0], name, "text")
+    expected = catalogue.structure(name)
+    assert [(field.name, field.type) for field in read.fields] == [
+        (field.name, field.type) for field in expected.fields
+    ]
+    assert read.constants == expected.constants
+
+
 def test_common_messages_are_those_of_the_jazzy_type_store_of_rosbags() -> None:
     jazzy = get_typestore(Stores.ROS2_JAZZY)
     # rosbags takes the uint8 that is written "char" for another type; all such types are among the recorded ones.
