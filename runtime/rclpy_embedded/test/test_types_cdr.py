@@ -46,7 +46,7 @@ SERVICES = [
 ]
 ACTIONS = [
     f"{package}/action/{name}_{part}"
-    for package in ("example_interfaces", "test_msgs")
+    for package in ("example_interfaces", "fsw_msgs", "test_msgs")
     for name in definitions(package, "action")
     for part in ("SendGoal_Request", "SendGoal_Response", "GetResult_Response", "FeedbackMessage")
 ]

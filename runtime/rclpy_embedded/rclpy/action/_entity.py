@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import InvalidHandle, NameValidationException
 from rclpy.impl.endpoint import Endpoint
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -56,6 +56,15 @@ class ActionEntity(Waitable):
             raise
         self._endpoints.append(endpoint)
         return endpoint
+
+    def _attach(self) -> None:
+        """Let the executor wait for this entity; InvalidHandle if another thread has destroyed the node meanwhile."""
+        self._node.add_waitable(self)
+        try:
+            _ = self._node.handle
+        except InvalidHandle:  # perhaps before it could see this entity
+            self.destroy()
+            raise
 
     @property
     def conditions(self) -> Sequence[Any]:

@@ -121,7 +121,7 @@ class ActionClient(ActionEntity):
         self._feedback: Subscription = self._open(Subscription, *feedback, **options)
         status = impl.GoalStatusMessage, "status", status_sub_qos_profile
         self._status: Subscription = self._open(Subscription, *status, **options)
-        node.add_waitable(self)
+        self._attach()
 
     def get_num_entities(self) -> NumberOfEntities:
         """Return of how many entities it is made."""

@@ -218,7 +218,7 @@ class ActionServer(ActionEntity):
         self._status_publisher: Publisher = self._open(Publisher, *status)
         timeout_sec = self._result_timeout_ns / S_TO_NS
         self._expire_timer = node.create_timer(timeout_sec, self._expire_goals, self.callback_group, autostart=False)
-        node.add_waitable(self)
+        self._attach()
 
     @property
     def action_type(self) -> Any:
