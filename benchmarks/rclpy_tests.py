@@ -4,8 +4,7 @@
     git clone -b jazzy https://github.com/ros2/rcl_interfaces
     python3 benchmarks/rclpy_tests.py rclpy/rclpy/test --fixtures rcl_interfaces/test_msgs/src
 
-Actions and lifecycle, which rclpy_embedded does not have, are left out unless ``--all`` is given. With ``--genuine``,
-in a shell where ROS 2 is sourced, its own rclpy is tested.
+With ``--genuine``, in a shell where ROS 2 is sourced, its own rclpy is tested.
 """
 
 from __future__ import annotations
@@ -30,8 +29,6 @@ from sides import WORKSPACE
 
 from fsw_control.free_domain import free_domain
 
-#: what rclpy_embedded does not have
-NOT_HERE = ("test_action_", "test_lifecycle")
 _TIMEOUT_S, _FILE_TIMEOUT_S = 60, 600
 
 
@@ -72,7 +69,6 @@ def main() -> int:
     arguments = parser(__doc__, "one file, test_qos.py")
     arguments.add_argument("tests", type=Path, metavar="FOLDER", help="rclpy/rclpy/test of rclpy's repository")
     arguments.add_argument("--fixtures", type=Path, metavar="FOLDER", help="holds the Python package test_msgs")
-    arguments.add_argument("--all", action="store_true", help="actions and lifecycle, too")
     arguments.add_argument("--genuine", action="store_true", help="test the rclpy of the ROS 2 that is sourced")
     arguments.add_argument("--keep", type=Path, metavar="FOLDER", help="keep pytest's output of each file here")
     parsed = arguments.parse_args()
@@ -92,8 +88,6 @@ def main() -> int:
         copy = shutil.copytree(parsed.tests, Path(folder) / "test")
         (copy / "__init__.py").write_text("", encoding="utf-8")  # it finds DLLs of rclpy's build
         for file in sorted(copy.glob("test_qos.py" if parsed.quick else "test_*.py")):
-            if not parsed.all and file.name.startswith(NOT_HERE):
-                continue
             found = run_file(file, sys.executable, environ)
             wrong = [name for name, what in found.items() if what == "failed"]
             good = sum(what == "passed" for what in found.values())

@@ -97,7 +97,7 @@ def _stamp(lock):
     text = f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()
     # The stubs are made of these.
     sources = [*RUNTIME.glob("rosidl_embedded/*.py"), RUNTIME / "pyproject.toml", *SOURCES.glob("*/msg/*.msg")]
-    sources += SOURCES.glob("*/srv/*.srv")
+    sources += [*SOURCES.glob("*/srv/*.srv"), *SOURCES.glob("*/action/*.action")]
     return hashlib.sha256(b"\0".join([text.encode(), *(path.read_bytes() for path in sorted(sources))])).hexdigest()
 
 

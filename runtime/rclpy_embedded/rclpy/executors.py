@@ -88,8 +88,8 @@ class Executor:
         self._nodes: dict[Any, None] = {}
         self._lock = threading.RLock()
         self._tasks: list[Task] = []
-        # Tasks that run before the next wait, the newest at the end.
-        self._due: list[Task] = []
+        # Tasks that run before the next wait, the newest at the end; None once they have run.
+        self._due: list[Task] | None = None
         self._ready: deque[tuple[Any, Any]] = deque()
         with self.context.session.using("failed to create executor"):
             self._conditions = ConditionSet(self.context.session)
@@ -252,16 +252,22 @@ class Executor:
                 raise ExternalShutdownException()
 
     def _next(self, nodes: list[Any] | None) -> tuple[Task, Any, Any] | None:
-        while self._due:
-            task = self._due.pop()
-            if task._resumable and not task.done() and not task.executing():
-                return task, None, None
         while self._ready:
             entity, node = self._ready.popleft()
             if node in self._nodes and (nodes is None or node in nodes) and self.can_execute(entity):
                 made = self._task_of(entity)
                 if made is not None:
                     return made, entity, node
+        if self._due is None:
+            self._due = []
+            if self._tasks:
+                with self._lock:
+                    self._tasks = [task for task in self._tasks if not task.done()]
+                    self._due = [task for task in self._tasks if task._resumable]
+        while self._due:
+            task = self._due.pop()
+            if task._resumable and not task.done() and not task.executing():
+                return task, None, None
         return None
 
     def _task_of(self, entity: Any) -> Task | None:
@@ -285,7 +291,7 @@ class Executor:
                     else:
                         self._blocked = True
         conditions = [entity.condition for entity, _ in self._readers]
-        conditions += [entity.condition for entity, _ in self._events if entity.condition is not None]
+        conditions += [condition for entity, _ in self._events for condition in entity.conditions]
         self._conditions.update(conditions)
 
     def _collect(self, timeout_ns: int) -> None:
@@ -305,10 +311,7 @@ class Executor:
         if any(guard._triggered for guard, _ in self._guards):
             timeout_ns = 0
         triggered = self._conditions.wait(timeout_ns)
-        if self._tasks:
-            with self._lock:
-                self._tasks = [task for task in self._tasks if not task.done()]
-                self._due = [task for task in self._tasks if task._resumable]
+        self._due = None
         self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
         ready_readers = 0
         if triggered:

@@ -118,7 +118,7 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
         validate_node_name(node_name)
         validate_namespace(node_namespace)
     except exceptions.NameValidationException as error:
-        raise ValueError(str(error)) from None
+        raise ValueError(f"a name is invalid: {error}") from None
     root = "/" if node_namespace == "/" else node_namespace + "/"
     name = root + node_name + topic_name[1:] if topic_name[0] == "~" else topic_name
     known = {"node": node_name, "ns": node_namespace, "namespace": node_namespace}

@@ -239,3 +239,5 @@ class NodeEntities:
         for entities in self.__lists:
             for entity in list(entities):
                 self.__destroy(entity)
+        for waitable in list(self.__waitables):
+            waitable._end()

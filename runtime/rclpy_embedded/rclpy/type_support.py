@@ -1,4 +1,4 @@
-"""Checks that a class is a message or a service."""
+"""Checks that a class is a message, a service or an action."""
 
 from typing import Any
 
@@ -21,6 +21,11 @@ def check_is_valid_msg_type(msg_type: Any) -> None:
 def check_is_valid_srv_type(srv_type: Any) -> None:
     """Raise RuntimeError if `srv_type` is a message, AttributeError if it is neither that nor a service."""
     _check(srv_type, "service", "Request", "this might be a message or action")
+
+
+def check_is_valid_action_type(action_type: Any) -> None:
+    """Raise RuntimeError if `action_type` is a message or a service, AttributeError if it is none of these."""
+    _check(action_type, "action", "Impl", "this might be a message or service")
 
 
 def _check(cls: Any, kind: str, attribute: str, hint: str) -> None:

@@ -1,7 +1,10 @@
 """Waitables: what an executor waits for besides the other entities."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+from operator import add
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -19,6 +22,9 @@ class NumberOfEntities:
     num_services: int = 0
     num_events: int = 0
 
+    def __add__(self, other: NumberOfEntities) -> NumberOfEntities:
+        return NumberOfEntities(*map(add, astuple(self), astuple(other)))
+
 
 class Waitable:
     """Base class. Once `is_ready`, the executor calls `take_data`, then `execute` with what that returned."""
@@ -30,6 +36,11 @@ class Waitable:
         self.callback_group = callback_group
         self.callback_group.add_entity(self)
         self._futures: list[Future] = []
+
+    @property
+    def conditions(self) -> Sequence[Any]:
+        """All DDS entities that wake the executor."""
+        return () if self.condition is None else (self.condition,)
 
     def add_future(self, future: Future) -> None:
         """Let the executor run the done callbacks of `future`."""
@@ -49,6 +60,9 @@ class Waitable:
     def _take(self) -> Callable[[], Any]:
         data = self.take_data()
         return lambda: self.execute(data)
+
+    def _end(self) -> None:
+        """End with the node."""
 
     async def execute(self, taken_data: Any) -> None:
         """Process what was taken."""

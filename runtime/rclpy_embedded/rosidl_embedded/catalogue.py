@@ -5,28 +5,40 @@ from functools import cache
 from pathlib import Path
 
 from . import definition as d
-from .parser import parse_service, parse_structure
-from .search import INTERFACE_PATH, definitions
+from .parser import parse_action, parse_service, parse_structure
+from .search import INTERFACE_PATH, KINDS, definitions
 
-_SERVICE_PART = re.compile(r"_(Request|Response|Event)$")
+_SERVICE_PART = r"_(Request|Response|Event)"
+_ACTION_SERVICE = r"_(SendGoal|GetResult)"
+#: What the name of a service, and that of an action, is followed by in the names of its parts.
+_PARTS = {
+    "srv": re.compile(rf"{_SERVICE_PART}$"),
+    "action": re.compile(rf"(_(Goal|Result|Feedback|FeedbackMessage)|{_ACTION_SERVICE}({_SERVICE_PART})?)$"),
+}
+_SERVICE = re.compile(rf"[^/]+/(srv/(?!.*{_SERVICE_PART}$)|action/.*{_ACTION_SERVICE}$)")
 
 
 @cache
 def structure(type_name: str) -> d.Structure:
-    """Return the definition of a message, of a service's request, response or event, or of a service made of these.
+    """Return the definition of a message, of a service or an action made of messages, or of a part of these.
 
     Raises d.UnknownInterfaceError if there is none and d.InvalidInterfaceError if it is wrong.
     """
-    if split_name(type_name)[1] == "srv":
-        return _service(_SERVICE_PART.sub("", type_name))[type_name]
-    path = _find(type_name)
-    return parse_structure(_read(path), type_name, path)
+    kind = split_name(type_name)[1]
+    if kind == "msg":
+        path = _find(type_name)
+        return parse_structure(_read(path), type_name, path)
+    whole = _PARTS[kind].sub("", type_name)
+    return (_service if kind == "srv" else _action)(whole)[type_name]
 
 
-@cache
-def _service(type_name: str) -> dict[str, d.Structure]:
-    path = _find(type_name)
-    request, response = parse_service(_read(path), type_name, path)
+def _made_of(type_name: str, **parts: str) -> d.Structure:
+    """Structure of fields that are structures themselves."""
+    return d.Structure(type_name, tuple(d.Member(name, d.namespaced(part)) for name, part in parts.items()))
+
+
+def _with_event(type_name: str, request: d.Structure, response: d.Structure) -> dict[str, d.Structure]:
+    """A service by the names of its parts."""
     # As service introspection publishes it; part of the service's type hash.
     event = d.Structure(
         f"{type_name}_Event",
@@ -37,15 +49,54 @@ def _service(type_name: str) -> dict[str, d.Structure]:
         ),
     )
     parts = {"request_message": request, "response_message": response, "event_message": event}
-    whole = d.Structure(type_name, tuple(d.Member(name, d.namespaced(part.type_name)) for name, part in parts.items()))
+    whole = _made_of(type_name, **{name: part.type_name for name, part in parts.items()})
     return {found.type_name: found for found in (whole, *parts.values())}
 
 
+@cache
+def _service(type_name: str) -> dict[str, d.Structure]:
+    path = _find(type_name)
+    return _with_event(type_name, *parse_service(_read(path), type_name, path))
+
+
+@cache
+def _action(type_name: str) -> dict[str, d.Structure]:
+    """An action by the names of its parts, as rosidl_parser makes them."""
+    path = _find(type_name)
+    goal, result, feedback = parse_action(_read(path), type_name, path)
+    uuid, time = "unique_identifier_msgs/msg/UUID", d.Member("stamp", d.namespaced("builtin_interfaces/msg/Time"))
+    send, get = f"{type_name}_SendGoal", f"{type_name}_GetResult"
+    accepted, status = d.Member("accepted", d.BasicType("boolean")), d.Member("status", d.BasicType("int8"))
+    found = {part.type_name: part for part in (goal, result, feedback)}
+    found |= _with_event(
+        send,
+        _made_of(f"{send}_Request", goal_id=uuid, goal=goal.type_name),
+        d.Structure(f"{send}_Response", (accepted, time)),
+    )
+    found |= _with_event(
+        get,
+        _made_of(f"{get}_Request", goal_id=uuid),
+        d.Structure(f"{get}_Response", (status, d.Member("result", d.namespaced(result.type_name)))),
+    )
+    message = _made_of(f"{type_name}_FeedbackMessage", goal_id=uuid, feedback=feedback.type_name)
+    whole = _made_of(
+        type_name,
+        goal=goal.type_name,
+        result=result.type_name,
+        feedback=feedback.type_name,
+        send_goal_service=send,
+        get_result_service=get,
+        feedback_message=message.type_name,
+    )
+    return found | {part.type_name: part for part in (message, whole)}
+
+
 def source(type_name: str) -> tuple[str, str]:
-    """Return kind (``msg``, ``srv``) and text of an interface; parts of services are ``implicit``, without text."""
-    if _SERVICE_PART.search(type_name):
+    """Return kind (``msg``, ``srv``, ``action``) and text of an interface; parts are ``implicit``, without text."""
+    kind = split_name(type_name)[1]
+    if kind in _PARTS and _PARTS[kind].search(type_name):
         return "implicit", ""
-    return split_name(type_name)[1], _read(_find(type_name))
+    return kind, _read(_find(type_name))
 
 
 def split_name(type_name: str) -> tuple[str, str, str]:
@@ -53,14 +104,16 @@ def split_name(type_name: str) -> tuple[str, str, str]:
     parts = type_name.split("/")
     if len(parts) == 2:
         parts.insert(1, "msg")
-    if len(parts) != 3 or parts[1] not in ("msg", "srv") or not all(part.isidentifier() for part in parts):
+    if len(parts) != 3 or parts[1] not in KINDS or not all(part.isidentifier() for part in parts):
         raise d.UnknownInterfaceError(f"{type_name!r} is not the name of an interface such as 'std_msgs/msg/String'")
     return parts[0], parts[1], parts[2]
 
 
-def is_service(type_name: str) -> bool:
-    """Return whether it is a service rather than a message or the request, response or event of a service."""
-    return "/srv/" in type_name and not _SERVICE_PART.search(type_name)
+def role(type_name: str) -> str:
+    """Return what a name stands for: "service", "action" (each as a whole) or "message" (also a part of these)."""
+    if _SERVICE.match(type_name):
+        return "service"
+    return "action" if "/action/" in type_name and not _PARTS["action"].search(type_name) else "message"
 
 
 def _read(path: str) -> str:

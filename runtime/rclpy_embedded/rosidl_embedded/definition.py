@@ -145,7 +145,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Structure:
-    """A message, or the request, response or event of a service."""
+    """A message, or a part of a service or an action."""
 
     type_name: str
     fields: tuple[Member, ...] = ()

@@ -23,7 +23,7 @@ _EMPTY = (d.Member("structure_needs_at_least_one_member", d.BasicType("uint8")),
 
 @cache
 def type_hash(type_name: str) -> str:
-    """RIHS01 hash of a message, a service or a part of one (REP 2016); raises like `catalogue.structure`."""
+    """RIHS01 hash of a message, a service, an action or a part of one (REP 2016); raises like `catalogue.structure`."""
     return "RIHS01_" + sha256(json.dumps(type_description(type_name)).encode()).hexdigest()
 
 
@@ -50,12 +50,49 @@ def type_sources(type_name: str) -> list[dict[str, Any]]:
 
 @cache
 def interface_definition(type_name: str) -> str:
-    """Text of a message with all that it refers to, as rosbag2 writes it into MCAP schemas (``ros2msg``)."""
-    main, *referenced = type_sources(type_name)
-    text: str = main["raw_file_contents"]
-    for source in referenced:
-        name = source["type_name"].replace("/msg/", "/")
-        text += f"\n{'=' * 80}\nMSG: {name}\n{source['raw_file_contents']}"
+    """Text of a message with all that it refers to, as rosbag2 writes it into MCAP schemas (``ros2msg``).
+
+    Parts of services and actions, for which rosbag2 writes nothing, are written like messages.
+    """
+    main, *referenced = _with_references(type_name)
+    text = _message_text(main)
+    for name in referenced:
+        package, _, short = name.split("/")
+        text += f"\n{'=' * 80}\nMSG: {package}/{short}\n{_message_text(name)}"
+    return text
+
+
+def _message_text(type_name: str) -> str:
+    encoding, text = catalogue.source(type_name)
+    if encoding != "implicit":
+        return text
+    structure = catalogue.structure(type_name)
+    lines = [f"{_type_text(field.type)} {field.name}\n" for field in structure.fields]
+    for constant in structure.constants:
+        value = constant.value[0] if isinstance(constant.value, bytes) else constant.value
+        lines.append(f"{_type_text(constant.type)} {constant.name}={value!r}\n")
+    return "".join(lines)
+
+
+def _type_text(type_: d.AbstractType) -> str:
+    """Type as it stands in a ``.msg`` file."""
+    element = d.element_type(type_)
+    if isinstance(element, d.NamespacedType):
+        text = f"{element.namespaces[0]}/{element.name}"
+    elif isinstance(element, d.BasicType):
+        text = {"float": "float32", "double": "float64", "boolean": "bool", "octet": "byte"}.get(
+            element.typename, element.typename
+        )
+    else:
+        bound = element.maximum_size if isinstance(element, d.AbstractGenericString) else None
+        text = ("wstring" if isinstance(element, d.AbstractWString) else "string") + (f"<={bound}" if bound else "")
+    match type_:
+        case d.Array(size=size):
+            return f"{text}[{size}]"
+        case d.BoundedSequence(maximum_size=limit):
+            return f"{text}[<={limit}]"
+        case d.AbstractSequence():
+            return f"{text}[]"
     return text
 
 

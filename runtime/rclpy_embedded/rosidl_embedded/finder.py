@@ -28,7 +28,7 @@ def _with_own_rclpy() -> bool:
 
 
 class InterfaceFinder:
-    """Finds and loads ``pkg``, ``pkg.msg`` and ``pkg.srv``; classes are made when first asked for."""
+    """Finds and loads ``pkg``, ``pkg.msg``, ``pkg.srv`` and ``pkg.action``; classes are made when first asked for."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
@@ -61,13 +61,11 @@ class InterfaceFinder:
                 return list_attributes()
             if name.startswith("_") or not name.isidentifier():
                 raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
-            from .catalogue import is_service
             from .definition import UnknownInterfaceError
-            from .message import get_message, get_service
+            from .message import get_interface
 
-            type_name = f"{package}/{kind}/{name}"
             try:
-                cls = (get_service if is_service(type_name) else get_message)(type_name)
+                cls = get_interface(f"{package}/{kind}/{name}")
             except UnknownInterfaceError as error:
                 raise AttributeError(f"module {module.__name__!r} has no {name!r}: {error}") from None
             setattr(module, name, cls)

@@ -26,25 +26,32 @@ _DEFAULTS = {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0
 
 def get_message(type_name: str) -> Any:
     """Class of ``std_msgs/msg/String``, ``std_msgs/String`` or ``std_srvs/srv/Trigger_Request``."""
-    return _get_class(type_name, False, _make_message)
+    return get_interface(type_name, "message")
 
 
 def get_service(type_name: str) -> Any:
     """Class of a service, e.g. ``std_srvs/srv/Trigger``, with Request, Response, Event; raises like `get_message`."""
-    return _get_class(type_name, True, _make_service)
+    return get_interface(type_name, "service")
 
 
-def _get_class(type_name: str, is_service: bool, make: Callable[[d.Structure], type]) -> type:
+def get_action(type_name: str) -> Any:
+    """Class of an action, e.g. ``test_msgs/action/Fibonacci``, with Goal, Result, Feedback and Impl."""
+    return get_interface(type_name, "action")
+
+
+def get_interface(type_name: str, role: str = "") -> Any:
+    """Class of a message, service or action; d.UnknownInterfaceError if there is none, or none in that `role`."""
     full_name = "/".join(catalogue.split_name(type_name))
-    if catalogue.is_service(full_name) is not is_service:
-        raise d.UnknownInterfaceError(f"{type_name!r} is not a {'service' if is_service else 'message'}")
+    found = catalogue.role(full_name)
+    if found != (role or found):
+        raise d.UnknownInterfaceError(f"{type_name!r} is not {'an' if role == 'action' else 'a'} {role}")
     with _lock:
         if full_name not in _classes:
             if full_name in _pending:
                 raise d.InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
             _pending.append(full_name)
             try:
-                _classes[full_name] = make(catalogue.structure(full_name))
+                _classes[full_name] = _MAKERS[found](catalogue.structure(full_name))
             finally:
                 _pending.pop()
         return _classes[full_name]
@@ -67,18 +74,34 @@ def field_type_text(type_: d.AbstractType) -> str:
     return f"{text}<{type_.maximum_size}>" if isinstance(type_, d.BoundedString | d.BoundedWString) else text
 
 
+def _refuse(self: object) -> NoReturn:
+    raise NotImplementedError(f"{'Action' if hasattr(self, 'Impl') else 'Service'} classes can not be instantiated")
+
+
 def _make_service(definition: d.Structure) -> type:
-    package, _, name = definition.type_name.split("/")
-
-    def refuse(self: object) -> NoReturn:
-        raise NotImplementedError("Service classes can not be instantiated")
-
+    package, kind, name = definition.type_name.split("/")
     # The event, which only service introspection uses, is made when it is asked for.
     event = property(lambda cls: get_message(f"{definition.type_name}_Event"))
-    module = {"__module__": f"{package}.srv"}
+    module = {"__module__": f"{package}.{kind}"}
     metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, "Event": event, **module})
     members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Request", "Response")}
-    return cast(type, metaclass(name, (), {"__init__": refuse, **members, **module}))
+    return cast(type, metaclass(name, (), {"__init__": _refuse, **members, **module}))
+
+
+def _make_action(definition: d.Structure) -> type:
+    package, kind, name = definition.type_name.split("/")
+    module = {"__module__": f"{package}.{kind}"}
+    services = {f"{part}Service": get_service(f"{definition.type_name}_{part}") for part in ("SendGoal", "GetResult")}
+    impl = {
+        **services,
+        "CancelGoalService": get_service("action_msgs/srv/CancelGoal"),
+        "FeedbackMessage": get_message(f"{definition.type_name}_FeedbackMessage"),
+        "GoalStatusMessage": get_message("action_msgs/msg/GoalStatusArray"),
+        **module,
+    }
+    members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Goal", "Result", "Feedback")}
+    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, **module})
+    return cast(type, metaclass(name, (), {"__init__": _refuse, "Impl": type("Impl", (), impl), **members, **module}))
 
 
 class _Message:
@@ -126,6 +149,13 @@ def _make_message(definition: d.Structure) -> type:
     properties = {key: _read_only(value) for key, value in values.items()}
     metaclass = type(f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, **module})
     return cast(type, metaclass(name, (_Message,), {**values, **members, **module}))
+
+
+_MAKERS: dict[str, Callable[[d.Structure], type]] = {
+    "message": _make_message,
+    "service": _make_service,
+    "action": _make_action,
+}
 
 
 def _read_only(value: Any) -> property:

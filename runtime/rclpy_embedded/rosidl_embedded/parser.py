@@ -1,4 +1,4 @@
-"""Reads ``.msg`` and ``.srv`` texts."""
+"""Reads ``.msg``, ``.srv`` and ``.action`` texts."""
 
 import ast
 import keyword
@@ -107,7 +107,7 @@ def _string(text: str) -> str:
 
 
 def parse_structure(text: str, type_name: str, origin: str) -> d.Structure:
-    """Read one structure: the whole of a ``.msg`` file or one part of a ``.srv`` file."""
+    """Read one structure: the whole of a ``.msg`` file or one part of another."""
     package = type_name.split("/")[0]
     fields: list[d.Member] = []
     constants: list[d.Member] = []
@@ -147,14 +147,25 @@ def _member(line: str, package: str) -> tuple[d.Member, bool]:
 
 def parse_service(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure]:
     """Read a ``.srv`` text into request and response."""
+    request, response = _parse_parts(text, type_name, origin, "a service", ("Request", "Response"))
+    return request, response
+
+
+def parse_action(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure, d.Structure]:
+    """Read an ``.action`` text into goal, result and feedback."""
+    goal, result, feedback = _parse_parts(text, type_name, origin, "an action", ("Goal", "Result", "Feedback"))
+    return goal, result, feedback
+
+
+def _parse_parts(text: str, type_name: str, origin: str, kind: str, names: tuple[str, ...]) -> list[d.Structure]:
     lines = text.splitlines()
     marks = [number for number, line in enumerate(lines) if line.partition("#")[0].strip() == "---"]
-    if len(marks) != 1:
-        raise d.InvalidInterfaceError(f"{origin}: a service needs exactly one line '---' between request and response")
-    request = "\n".join(lines[: marks[0]])
-    # Blank lines keep the line numbers of error messages true.
-    response = "\n" * (marks[0] + 1) + "\n".join(lines[marks[0] + 1 :])
-    return (
-        parse_structure(request, f"{type_name}_Request", origin),
-        parse_structure(response, f"{type_name}_Response", origin),
-    )
+    if len(marks) != len(names) - 1:
+        number = "exactly one line" if len(names) == 2 else "exactly two lines"
+        places = " and ".join([f"{names[0].lower()} and {names[1].lower()}", *(name.lower() for name in names[2:])])
+        raise d.InvalidInterfaceError(f"{origin}: {kind} needs {number} '---' between {places}")
+    parts = []
+    for name, start, end in zip(names, [0, *(mark + 1 for mark in marks)], [*marks, len(lines)], strict=True):
+        # Blank lines keep the line numbers of error messages true.
+        parts.append(parse_structure("\n" * start + "\n".join(lines[start:end]), f"{type_name}_{name}", origin))
+    return parts

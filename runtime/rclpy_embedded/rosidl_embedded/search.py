@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 INTERFACE_PATH = "RCLPY_EMBEDDED_INTERFACE_PATH"
-KINDS = ("msg", "srv")
+KINDS = ("msg", "srv", "action")
 _SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "share")
 COMMON_PACKAGES = frozenset(os.listdir(_SHARE))
 
@@ -29,14 +29,14 @@ def _roots() -> list[str]:
 
 
 def definitions(package: str, kind: str) -> dict[str, str]:
-    """Return the files of all messages (`kind` ``msg``) or services (``srv``) of a package by name."""
+    """Return the files of all messages (`kind` ``msg``), services (``srv``) or actions of a package by name."""
     found: dict[str, str] = {}
     for root in _roots():
         for folder in (os.path.join(root, package), root):
             if os.path.basename(folder) == package and os.path.isdir(os.path.join(folder, kind)):
                 for file in os.listdir(os.path.join(folder, kind)):
                     if file.endswith(f".{kind}"):
-                        found.setdefault(file[:-4], os.path.join(folder, kind, file))
+                        found.setdefault(file.removesuffix(f".{kind}"), os.path.join(folder, kind, file))
     return found
 
 

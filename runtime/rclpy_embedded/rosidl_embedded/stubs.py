@@ -22,26 +22,50 @@ from typing import Any, ClassVar, TypeAlias
 
 from numpy.typing import NDArray
 """
+#: What the names of the structures of a definition end with.
+_PARTS = {
+    "msg": ("",),
+    "srv": ("_Request", "_Response", "_Event"),
+    "action": (
+        *("_Goal", "_Result", "_Feedback", "_FeedbackMessage"),
+        *(f"_{service}_{part}" for service in ("SendGoal", "GetResult") for part in ("Request", "Response", "Event")),
+    ),
+}
+_IMPL = {
+    "SendGoalService": "{}_SendGoal",
+    "GetResultService": "{}_GetResult",
+    "FeedbackMessage": "{}_FeedbackMessage",
+    "CancelGoalService": "action_msgs.srv.CancelGoal",
+    "GoalStatusMessage": "action_msgs.msg.GoalStatusArray",
+}
 
 
 def stub_text(package: str, kind: str) -> str:
-    """Text of the stub of a module: `kind` is ``msg`` or ``srv``."""
+    """Text of the stub of a module: `kind` is ``msg``, ``srv`` or ``action``."""
     lines: list[str] = []
     imported: set[str] = set()
     for name in sorted(search.definitions(package, kind)):
         type_name = f"{package}/{kind}/{name}"
-        if kind == "msg":
-            structures = [catalogue.structure(type_name)]
-        else:
-            structures = [catalogue.structure(f"{type_name}_{part}") for part in ("Request", "Response", "Event")]
-        for structure in structures:
+        for part in _PARTS[kind]:
+            structure = catalogue.structure(f"{type_name}{part}")
             lines += ["", *_class_lines(structure)]
-            imported |= {reference.split("/")[0] for reference in structure.references()}
+            imported |= {reference.rpartition("/")[0].replace("/", ".") for reference in structure.references()}
         if kind == "srv":
+            lines += ["", *_service_lines(name)]
+        elif kind == "action":
+            lines += ["", *_service_lines(f"{name}_SendGoal"), "", *_service_lines(f"{name}_GetResult")]
             lines += ["", f"class {name}:"]
-            lines += [f"    {part}: TypeAlias = {name}_{part}" for part in ("Request", "Response", "Event")]
-    modules = sorted(f"{other}.msg" for other in imported if (other, "msg") != (package, kind))
+            lines += [f"    {part}: TypeAlias = {name}_{part}" for part in ("Goal", "Result", "Feedback")]
+            lines += ["    class Impl:"]
+            lines += [f"        {key}: TypeAlias = {value.format(name)}" for key, value in _IMPL.items()]
+            imported |= {"action_msgs.msg", "action_msgs.srv"}
+    modules = sorted(imported - {f"{package}.{kind}"})
     return "\n".join([_HEADER, *(f"import {module}" for module in modules), *lines, ""])
+
+
+def _service_lines(name: str) -> list[str]:
+    parts = (part[1:] for part in _PARTS["srv"])
+    return [f"class {name}:", *(f"    {part}: TypeAlias = {name}_{part}" for part in parts)]
 
 
 def _class_lines(structure: d.Structure) -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import Any
 from .cdr import HEADER_SIZE, Codec
 from .description import interface_definition as interface_definition
 from .description import type_hash as type_hash
+from .message import get_action as get_action
 from .message import get_message as get_message
 from .message import get_service as get_service
 

@@ -57,10 +57,9 @@ def test_bad_domain_in_environment(monkeypatch: pytest.MonkeyPatch) -> None:
         Context().init(args=[])
 
 
-@pytest.mark.parametrize("name", ["rclpy.action", "rclpy.lifecycle"])
-def test_missing_modules_say_so(name: str) -> None:
+def test_a_missing_module_says_so() -> None:
     with pytest.raises(ImportError, match="genuine ROS 2"):
-        importlib.import_module(name)
+        importlib.import_module("rclpy.service_introspection")
 
 
 def test_timer_info(node: Any, spinner: Any) -> None:

@@ -18,6 +18,7 @@ import rclpy
 from cyclonedds.core import DDSException
 from rclpy import signals
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rclpy.action import ActionClient, ActionServer
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
@@ -26,6 +27,7 @@ from rclpy.impl import session
 from rclpy.impl.wait_set import ConditionSet
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from test_msgs.action import Fibonacci
 
 SOURCES = (str(Path(rclpy.__file__).parent), "_weakrefset")
 #: What an operation may end with when its entity or its context goes meanwhile.
@@ -60,6 +62,8 @@ OPERATIONS: dict[str, Callable[[SimpleNamespace], Any]] = {
     "look at the graph": lambda world: world.node.get_node_names(),
     "reset a timer": lambda world: world.timer.reset(),
     "create a guard condition": lambda world: world.node.create_guard_condition(lambda: None).trigger(),
+    "create an action server": lambda world: ActionServer(world.node, Fibonacci, "weld", lambda _: None),
+    "create an action client": lambda world: ActionClient(world.node, Fibonacci, "weld"),
     "destroy a subscription": lambda world: world.node.destroy_subscription(world.subscription),
     "spin": lambda world: world.executor.spin_once(timeout_sec=0),
 }

@@ -44,12 +44,18 @@ SERVICES = [
     for name in definitions(package, "srv")
     for part in ("Request", "Response", "Event")
 ]
+ACTIONS = [
+    f"{package}/action/{name}_{part}"
+    for package in ("example_interfaces", "fsw_msgs", "test_msgs")
+    for name in definitions(package, "action")
+    for part in ("SendGoal_Request", "SendGoal_Response", "GetResult_Response", "FeedbackMessage")
+]
 OTHERS = [
     f"{package}/msg/{name}"
     for package in ("fsw_msgs", "test_msgs", "example_interfaces", "map_msgs")
     for name in definitions(package, "msg")
 ]
-TYPES = sorted(STORE.fielddefs) + SERVICES + OTHERS
+TYPES = sorted(STORE.fielddefs) + SERVICES + ACTIONS + OTHERS
 PACKAGES = sorted({type_name.partition("/")[0] for type_name in TYPES})
 HEADER = b"\x00\x01\x00\x00"
 

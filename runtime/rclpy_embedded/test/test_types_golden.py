@@ -64,6 +64,12 @@ def test_all_type_hashes_match() -> None:
     assert {name: type_hash(name) for name in GOLDEN["type_hashes"]} == GOLDEN["type_hashes"]
 
 
+def test_action_hashes_match_those_of_the_genuine_generator() -> None:
+    golden = json.loads((DATA / "golden_action_hashes.json").read_text())
+    assert len(golden) == 26
+    assert {name: type_hash(name) for name in golden} == golden
+
+
 def test_captured_samples_decode_and_encode_identically() -> None:
     for index, sample in enumerate(WIRE["samples"]):
         where = f"sample {index} of {sample['topic']}"

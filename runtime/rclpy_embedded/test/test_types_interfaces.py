@@ -18,8 +18,9 @@ import rosidl_embedded
 from rosidl_embedded import catalogue, search, stubs
 from rosidl_embedded.definition import InvalidInterfaceError, UnknownInterfaceError
 from rosidl_embedded.description import type_sources
-from rosidl_embedded.parser import parse_service, parse_structure
+from rosidl_embedded.parser import parse_action, parse_service, parse_structure
 from rosidl_embedded.typesupport import (
+    get_action,
     get_message,
     get_service,
     interface_definition,
@@ -164,6 +165,37 @@ def test_service_needs_two_parts(text: str) -> None:
         parse_service(text, "pkg/srv/Name", "Name.srv")
 
 
+@pytest.mark.parametrize("text", ["", "int8 x\n---\nint8 y", "---\n---\n---"])
+def test_an_action_has_three_parts(text: str) -> None:
+    with pytest.raises(InvalidInterfaceError, match="exactly two lines '---' between goal and result and feedback"):
+        parse_action(text, "pkg/action/Name", "Name.action")
+
+
+def test_errors_in_actions_name_the_line() -> None:
+    with pytest.raises(InvalidInterfaceError, match="line 4: 'Y' is not a field's name"):
+        parse_action("int8 x\n---\n---\nint8 Y", "pkg/action/Name", "Name.action")
+
+
+def test_actions_have_the_members_of_genuine_ones() -> None:
+    from test_msgs.action import Fibonacci
+
+    assert get_action("test_msgs/action/Fibonacci") is Fibonacci
+    assert Fibonacci.Impl.SendGoalService is get_service("test_msgs/action/Fibonacci_SendGoal")
+    assert Fibonacci.Impl.SendGoalService.Request().goal == Fibonacci.Goal()
+    assert Fibonacci.Impl.GetResultService.Response(status=4, result=Fibonacci.Result(sequence=[1])).status == 4
+    assert Fibonacci.Impl.FeedbackMessage().get_fields_and_field_types() == {
+        "goal_id": "unique_identifier_msgs/UUID",
+        "feedback": "test_msgs/Fibonacci_Feedback",
+    }
+    assert Fibonacci.Impl.CancelGoalService.__name__ == "CancelGoal"
+    assert Fibonacci.Impl.GoalStatusMessage.__name__ == "GoalStatusArray"
+    assert Fibonacci.__module__ == Fibonacci.Goal.__module__ == "test_msgs.action"
+    with pytest.raises(NotImplementedError, match="Action classes can not be instantiated"):
+        Fibonacci()
+    with pytest.raises(UnknownInterfaceError, match="is not an action"):
+        get_action("test_msgs/action/Fibonacci_Goal")
+
+
 def test_errors_in_the_response_name_the_line_of_the_file() -> None:
     with pytest.raises(InvalidInterfaceError, match="line 3"):
         parse_service("int8 x\n---\nint8 Y", "pkg/srv/Name", "Name.srv")
@@ -239,6 +271,32 @@ def test_sources_of_a_service_are_its_file_and_what_it_refers_to() -> None:
 def test_definition_text_reads_back(name: str) -> None:
     text = interface_definition(name).split("=" * 80)[0]
     assert parse_structure(text, name, "text") == catalogue.structure(name)
+
+
+def test_definition_text_of_feedback_reads_recorded_feedback() -> None:
+    name = "test_msgs/action/NestedMessage_FeedbackMessage"
+    message = get_message(name)()
+    message.feedback.nested_field.byte_value = b"\7"
+    message.feedback.nested_different_pkg.sec = 9
+    store = get_typestore(Stores.EMPTY)
+    # rosbags knows messages only, but reads what mcap readers read.
+    store.register(get_types_from_msg(interface_definition(name), name))
+    read = store.deserialize_cdr(type_support(type(message)).serialize(message), name)
+    assert read.feedback.nested_different_pkg.sec == 9
+    assert read.feedback.nested_field.byte_value == 7
+    assert interface_definition("test_msgs/action/Fibonacci_FeedbackMessage").startswith(
+        "unique_identifier_msgs/UUID goal_id\ntest_msgs/Fibonacci_Feedback feedback\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["test_msgs/srv/Arrays_Request", "rcl_interfaces/srv/ListParameters_Request"])
+def test_definition_text_of_a_request_reads_back(name: str) -> None:
+    read = parse_structure(interface_definition(name).split("=" * 80)[0], name, "text")
+    expected = catalogue.structure(name)
+    assert [(field.name, field.type) for field in read.fields] == [
+        (field.name, field.type) for field in expected.fields
+    ]
+    assert read.constants == expected.constants
 
 
 def test_common_messages_are_those_of_the_jazzy_type_store_of_rosbags() -> None:

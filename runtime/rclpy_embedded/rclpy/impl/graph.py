@@ -37,7 +37,7 @@ def ros_type(dds_type: str) -> str:
     if not separator or not name.endswith("_"):
         return dds_type
     name = name[:-1]
-    if package.endswith("::srv"):
+    if package.endswith(("::srv", "::action")):
         name = name.removesuffix("_Request").removesuffix("_Response")
     return f"{package.replace('::', '/')}/{name}"
 
