@@ -1,5 +1,7 @@
 """What the operator is told of a weld at the emulated machine."""
 
+import signal
+
 import pytest
 
 from fsw_control.parameters import defaults, load
@@ -66,3 +68,14 @@ def test_operator_is_told_of_a_foreign_writer(weld, desk):
     weld.node.destroy_timer(timer)
     weld.node.destroy_publisher(rogue)
     until_alarm(weld, desk, "foreign", "cleared")
+
+
+@pytest.mark.requirement("S17")
+def test_operator_is_told_that_the_gateway_has_died(weld, desk):
+    until_reached(weld, desk)
+    weld.end("gateway", signal.SIGKILL)
+    until_alarm(weld, desk, "measurements", "active", "No measurements: the drives are silent")
+    assert desk.frame()["reach"]["ok"] is False
+    weld.start("gateway")
+    until_alarm(weld, desk, "measurements", "cleared")
+    until_reached(weld, desk)

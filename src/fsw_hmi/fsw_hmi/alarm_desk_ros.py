@@ -71,6 +71,8 @@ class AlarmDesk:
         return Situation(
             state=watch.state,
             state_age_s=None if watch.state is None else now_s - watch.state_s,
+            programme=watch.progress["state"] if watch.progress else "",
+            programme_age_s=now_s - watch.progress_s,
             tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
             command_age_s=None if view.command_s is None else now_s - view.command_s,
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},

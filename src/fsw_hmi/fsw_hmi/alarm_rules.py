@@ -21,6 +21,9 @@ from fsw_schema.yaml_text import load_yaml
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
+#: a weld programme, too, reports once a second
+NO_PROGRAMME_S = 5.0
+UNDER_WAY = ("running", "held")
 #: time without samples of one sensor
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
@@ -108,6 +111,8 @@ class Situation:
 
     state: Mapping[str, Any] | None = None  #: the supervisor's, as the page gets it
     state_age_s: float | None = None
+    programme: str = ""  #: its state, as it last told
+    programme_age_s: float = 0.0
     tick_age_s: float | None = None
     command_age_s: float | None = None
     sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
@@ -148,6 +153,7 @@ class AlarmRules:
         self._machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
+        self._programme(now, found)
         self._watchdog(now, found)
         self._values(now, found)
         self._reachable(now, found)
@@ -278,6 +284,11 @@ class AlarmRules:
             found[alarm_id("controller", name)] = alarm("not_ready", name=name, why=why)
 
     # ---------------------------------------------------------------- the weld
+
+    def _programme(self, now: Situation, found: dict[str, Alarm]) -> None:
+        """A programme that is under way says so; it cannot while nothing is measured."""
+        if now.programme in UNDER_WAY and now.programme_age_s > NO_PROGRAMME_S and self._measures(now):
+            found["programme"] = alarm("programme")
 
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):

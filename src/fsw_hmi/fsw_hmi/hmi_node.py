@@ -26,7 +26,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_REPORT_S
+from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -46,8 +46,6 @@ from fsw_msgs.msg import OperatorAction
 _LOOK_S, _REPORT_S = 0.05, 1.0
 #: shortest time between two ticks on the page, when time runs faster than the wall clock
 _TICK_PERIOD_S = 0.04
-#: A programme reports once a second; one that is silent for longer no longer runs.
-_PROGRAMME_SILENT_S = 5.0
 #: The supervisor's interlocks are asked for again, as they can be changed.
 _ASK_AGAIN_S = 5.0
 #: in simulated time silence lasts so much longer
@@ -204,8 +202,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         if not self._web.alive:
             raise RuntimeError("the page's server has ended")
         self._show_state()
-        if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
-            self._show("progress", watch.progress)
+        if watch.progress is not None:
+            silent = watch.progress["state"] in UNDER_WAY and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
+            self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
         self._keep()
         is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():

@@ -65,6 +65,8 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"state": state(actual_mode="safe_stop")}, "safe_stop", "high"),
         ({"state": state(actual_mode="hold")}, "hold", "medium"),
         ({"state": state(actual_controller="decentral")}, "failover", "medium"),
+        ({"programme": "running", "programme_age_s": 5.1}, "programme", "medium"),
+        ({"programme": "held", "programme_age_s": 5.1}, "programme", "medium"),
         (
             {"state": state(actual_controller="decentral", controllers=[controller(ready=False, inhibited=True)])},
             *("failover", "medium"),
@@ -139,6 +141,9 @@ def test_alarm_of_a_situation(rules, changed, name, priority):
         {"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("ok", "")}}},
         {"parts": {"fsw_machine": {"machine": Part("stale", "", False), "clock": Part("ok", "")}}},
         {"values": dict.fromkeys(GOOD, float("nan"))},
+        {"programme": "running", "programme_age_s": 4.9},
+        {"programme": "done", "programme_age_s": 99.0},
+        {"programme": "aborted", "programme_age_s": 99.0},
         {"parts": {"fsw_plant": {"commands": Part("warn", "2 publishers: a supervisor takes over")}}},
     ],
 )

@@ -26,7 +26,7 @@ function told(/** @type {Programme?} */ programme) {
   const { state, phase, angle_deg: angle, length_mm: length, time_left_s: timeLeft, left } = programme;
   const how = state === "running" ? (left ? " (set-points by hand)" : "") : ` (${words(state)})`;
   return {
-    level: state === "aborted" ? "high" : state === "held" || left ? "attention" : "",
+    level: state === "aborted" || state === "silent" ? "high" : state === "held" || left ? "attention" : "",
     text: phase ? words(phase) + how : words(state),
     detail: `${fixed(angle, 0)}° · ${fixed(length, 0)} mm · ${span(timeLeft)} left`,
   };
