@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from fsw_test_support.browser import shot
 from fsw_test_support.fake_hmi import TOKEN, FakeHmi, sample_alarms
 from fsw_test_support.page_boxes import faults
-from fsw_test_support.page_steps import band_pixels, in_control, log_in, press, ready, settled, until
+from fsw_test_support.page_steps import DRAWN_AHEAD, band_pixels, in_control, log_in, press, ready, settled, until
 
 
 def test_live_values_and_progress_are_on_the_screen(fake, open_page):
@@ -288,12 +288,6 @@ def test_programme_and_set_points_in_force_are_side_by_side(fake, open_page):
     fake.push()
     expect(page.locator("#value-temperature_c .plan.differs")).to_have_text("≠ programme 826.4")
     expect(page.locator("#value-temperature_c .planned")).to_be_visible()
-
-
-DRAWN_AHEAD = """[...document.querySelectorAll(".plot canvas")].map((one) => {
-    const { data } = one.getContext("2d").getImageData(0, 0, one.width, one.height);
-    return data.some((red, i) => i % 4 === 0 && red === 31 && data[i + 1] === 95 && data[i + 2] === 158);
-})"""
 
 
 def test_resume_is_drawn_ahead_before_it_is_confirmed(fake, open_page, uplot):

@@ -7,9 +7,10 @@ from playwright.sync_api import expect
 
 from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import parse
 from fsw_test_support.browser import shot
-from fsw_test_support.page_steps import band_pixels, in_control, press, until
-from fsw_test_support.patient_weld import PATIENT_ARGUMENTS
+from fsw_test_support.page_steps import DRAWN_AHEAD, band_pixels, in_control, press, until
+from fsw_test_support.patient_weld import PATIENT_ARGUMENTS, PatientWeld
 from fsw_test_support.waiting import wait_for_text
 
 #: what a stop cools until it is acknowledged, is no further cause to stop
@@ -23,6 +24,14 @@ PARTS = {
     ),
     "plant": ("fsw_plant.plant_node", ["--ros-args", "-p", "wait_for_subscribers:=3"]),
 }
+PROGRAMME = """
+name: canister
+announced: true
+plant: {start.temperature_c: 816.4}
+phases:
+  - {name: dwell, duration_s: 2.0}
+  - {name: joint_line, to_deg: 120.0, set_points: [{at_s: 1.0, temperature_c: 825.0, over_s: 10.0}]}
+"""
 
 
 @pytest.fixture
@@ -144,3 +153,60 @@ def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_f
     expect(alarms.locator("li.high", has_text="Safe stop:")).to_contain_text("first: ")
     expect(alarms.locator("li", has_text="first out")).to_have_count(1)
     shot(page, "graph_first_out")
+
+
+@pytest.fixture
+def programme(tmp_path):
+    """Address and token of a page at a weld that follows a programme."""
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        launcher.start("hmi", "fsw_hmi.main", ["--port", "0", "--ros-args", "-p", "request_timeout_s:=60.0"])
+        url = wait_for_text(launcher, "hmi", r"http://\S+")
+        token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
+        PatientWeld(parse(PROGRAMME), tmp_path / "weld", ["decentral", "nmpc"], realtime=True).start(launcher)
+        yield url, token
+
+
+def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(programme, open_page):
+    url, token = programme
+    page = open_page(url)
+    in_control(page, secret=token)
+    form, progress, unrolled = page.locator("dialog"), page.locator("#progress"), page.locator("#map h2")
+    plan = page.locator("#value-temperature_c .plan")
+    expect(progress).to_contain_text("joint line")
+    expect(plan).to_have_text("= programme 825.0")  # its ramp is over
+    expect(unrolled).to_contain_text(re.compile(r"[1-9]\d*° welded"))
+    press(page, "Hold weld")
+    expect(progress).to_contain_text("held")
+
+    press(page, "Set-points")
+    form.get_by_label("Temperature").fill("818")
+    form.get_by_label("as a ramp").uncheck()
+    press(page, "Apply set-points")
+    expect(form).to_have_count(0)
+    expect(plan).to_have_text("≠ programme 825.0")
+    assert page.evaluate(DRAWN_AHEAD) == [False] * 4
+    press(page, "Resume weld")
+    expect(page.locator(".summary")).to_contain_text("818.0 → 825.0 °C (+7.0)")
+    until(page, f"{DRAWN_AHEAD}.join() === 'true,true,false,false'")
+    shot(page, "graph_resume")
+    form.locator("button[type=submit]").click()
+    expect(form).to_have_count(0)
+    expect(plan).to_have_text("= programme 825.0")
+    expect(progress).not_to_contain_text("held")
+
+    press(page, "Fault")  # a depth that is measured wrong leaves the band, and that is marked where it was
+    form.get_by_label("Sensor").select_option("depth")
+    form.get_by_label("Fault").select_option("bias")
+    form.get_by_label("Size").fill("0.3")
+    form.get_by_label("Duration").fill("5")
+    press(page, "Set the fault")
+    expect(form).to_have_count(0)
+    mark = page.locator(".exceedances button").first
+    expect(mark).to_have_attribute("aria-label", re.compile(r"Depth: off quality, high, \d+° to \d+°, \d\d:\d\d:\d\d"))
+    expect(unrolled).not_to_contain_text("nowhere outside")
+    mark.click()
+    back = page.get_by_role("button", name="Back to now")
+    expect(back).to_be_visible()
+    shot(page, "graph_unrolled")
+    back.click()
+    expect(back).to_be_hidden()
