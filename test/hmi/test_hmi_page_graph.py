@@ -186,7 +186,7 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     expect(plan).to_have_text("≠ programme 825.0")
     assert page.evaluate(DRAWN_AHEAD) == [False] * 4
     press(page, "Resume weld")
-    expect(page.locator(".summary")).to_contain_text("818.0 → 825.0 °C (+7.0)")
+    expect(page.locator(".summary")).to_contain_text("818.0 → 825.0 °C (+7.0); back to the programme by a ramp of ")
     until(page, f"{DRAWN_AHEAD}.join() === 'true,true,false,false'")
     shot(page, "graph_resume")
     form.locator("button[type=submit]").click()

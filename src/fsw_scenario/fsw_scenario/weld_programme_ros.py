@@ -120,7 +120,8 @@ class ProgrammeServer:
     def _state(self) -> tuple[object, ...]:
         """The fields that are reported at once when they change."""
         now = self.machine.progress()
-        return now.state, now.phase, self._course.followed, self._course.programme_at(self.machine.tick)
+        left_for = None if self._course.followed else self._in_force()  # the way back depends on it
+        return now.state, now.phase, left_for, self._course.programme_at(self.machine.tick)
 
     def publish(self, stamp_ns: int) -> None:
         """Report the progress."""

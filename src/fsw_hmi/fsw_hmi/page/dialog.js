@@ -1,6 +1,7 @@
 // Forms over the page. They are not modal: the safe stop stays within reach of one click.
 import { byId, el, setText } from "./dom.js";
 
+const PENDING = "… pending";
 /** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */ let opened = null;
 
 /** Show a form; only one is open at a time. It closes when `run()` resolves to "done". @param {Form} form */
@@ -15,14 +16,14 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
   const renew = () => {
     const text = summary();
     const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.customError || validity.rangeOverflow || validity.rangeUnderflow);
-    send.disabled = Boolean(wrong);
+    send.disabled = Boolean(wrong) || answer.textContent === PENDING;
     setText(told, wrong?.validationMessage ?? text);
   };
   form.addEventListener("input", renew);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     send.disabled = true;
-    setText(answer, "… pending");
+    setText(answer, PENDING);
     const result = await run();
     send.disabled = false;
     setText(answer, result ? `${result.outcome === "refused" ? "✕ refused" : "? timed out"}: ${result.message}` : "");
@@ -32,6 +33,7 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
   byId("dialogs").append(dialog);
   opened = { dialog, opener: /** @type {HTMLElement?} */ (document.activeElement), closed };
   renew();
+  const timer = setInterval(() => (dialog.isConnected ? renew() : clearInterval(timer)), 500); // the weld goes on meanwhile
   dialog.show();
 }
 
