@@ -72,8 +72,10 @@ KEYS = {
 KNOWN = {*KEYS.values(), "python3-pytest-timeout", "ament_cmake", "ament_index_python", "ros2launch"}
 KNOWN |= {"launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
 KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py"}
-KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
-KNOWN |= {"std_srvs"}
+KNOWN |= {
+    f"{kind}_msgs" for kind in ("action", "diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")
+}
+KNOWN |= {"std_srvs", "action_msgs", "lifecycle_msgs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
