@@ -74,7 +74,8 @@ class PlayerGraph(Spinner):
         self.sensors[1].publish(convert.torque_message(1050.0, stamp_ns))
         self.sensors[2].publish(convert.temperature_message(816.4, stamp_ns))
         self.depth(self.number)
-        self.until(lambda: self.weld._stamps.newest_ns == stamp_ns and self.weld._tick + self.weld._held >= self.number)
+        weld = self.weld
+        self.until(lambda: weld._stamps.newest_ns == stamp_ns and weld._tick + weld._held >= self.number - self.before)
         return self.in_force
 
     def ask(self, verb: str) -> Any:
