@@ -7,22 +7,18 @@ from math import degrees
 from typing import Any
 
 from action_msgs.srv import CancelGoal
-from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
-from fsw.operator_node import Operator, ask, domain_text, operator
+from fsw.operator_node import LogLines, Operator, ask, domain_text, operator
 from fsw_control import units
 from fsw_msgs.action import RunWeld
 from fsw_scenario.scenario_file import load
 from fsw_scenario.weld_programme import State
 
 _ACTION = "fsw/run_weld"
-_REJECTED = "goal rejected: "
-#: how long to listen for the reason of a rejection
-_REASON_S = 2.0
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -49,13 +45,13 @@ def _abort(arguments: argparse.Namespace) -> int:
 def _follow(node: Operator, goal: Any) -> int:
     """Send a goal and print its feedback until the result; exit code 1 for a weld that was not done."""
     client = ActionClient(node.node, RunWeld, _ACTION)
-    logs = node.watch(Log, "/rosout")
+    logs = LogLines(node, "fsw_scenario", "goal rejected: ")
     if not node.wait_until(client.server_is_ready):
         full = node.node.resolve_topic_name(_ACTION)
         raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
     handle = node.answer(client.send_goal_async(goal, feedback_callback=_print_feedback), _ACTION)
     if not handle.accepted:
-        raise CommandError(_reason(node, logs))
+        raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
     result = handle.get_result_async()
     try:
         node.wait_until(result.done, float("inf"))
@@ -68,17 +64,6 @@ def _follow(node: Operator, goal: Any) -> int:
     print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
     print(f"bag: {outcome.bag or 'none is recorded'}")
     return 0 if outcome.verdict == State.DONE else 1
-
-
-def _reason(node: Operator, logs: list[Log]) -> str:
-    """Why a goal was rejected, from the player's log."""
-    player = f"{node.node.get_namespace()}/fsw_scenario".replace("/", ".").strip(".")
-
-    def reasons() -> list[str]:
-        return [one.msg for one in logs if one.name == player and one.msg.startswith(_REJECTED)]
-
-    node.wait_until(reasons, _REASON_S)
-    return reasons()[-1] if reasons() else "the goal was rejected; the log of the scenario player says why"
 
 
 def _print_feedback(message: Any) -> None:

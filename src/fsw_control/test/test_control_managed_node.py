@@ -7,6 +7,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from std_msgs.msg import String
 
 from fsw_control.managed_node_ros import ManagedNode
+from fsw_control.node_main_ros import run
 from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
@@ -113,3 +114,23 @@ def test_a_refusal_by_service_is_logged_in_one_line_and_leaves_nothing(make, cap
     assert not node.is_active
     spinner.executor.shutdown()
     peer.destroy_node()
+
+
+def test_a_transition_that_does_not_exist_now_does_not_end_the_node(capfd):
+    """As genuine rclpy raises it out of the service's callback."""
+
+    class Refusing(Welder):
+        def __init__(self):
+            super().__init__()
+            self.calls = 0
+            self.create_timer(0.01, self.call)
+
+        def call(self):
+            self.calls += 1
+            if self.calls > 1:
+                rclpy.try_shutdown()
+            else:
+                raise RuntimeError("Failed to trigger lifecycle state machine transition")
+
+    assert run(Refusing, ["welder"]) == 0
+    assert "refused: Failed to trigger lifecycle state machine transition" in capfd.readouterr().err
