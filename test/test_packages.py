@@ -3,6 +3,7 @@
 import ast
 import re
 import sys
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -251,6 +252,18 @@ def test_package_has_what_ament_looks_for(package: Path) -> None:
     assert (package / "resource" / package.name).is_file()
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
+def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None:
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    root = ElementTree.parse(package / "package.xml").getroot()
+    [maintainer], author = root.findall("maintainer"), root.find("author")
+    assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
+    assert author is not None and [{"name": author.text}] == project["authors"]
+    assert root.findtext("license") == project["license"]["text"]
+    assert root.findtext("version") == project["version"]
+    assert root.findtext("url") == project["urls"]["Homepage"]
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
