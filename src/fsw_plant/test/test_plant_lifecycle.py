@@ -80,3 +80,9 @@ def test_it_says_why_it_cannot_be_activated_beside_another(graph, capfd):
     assert not future.result().success
     assert "cannot activate: depth is measured already on /fsw/depth" in capfd.readouterr().err
     other.shutdown()
+
+
+def test_how_much_of_the_truth_is_kept_may_be_overridden(graph):
+    graph.start("-p", "qos_overrides./fsw/plant/truth.publisher.depth:=3", connected=False)
+    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (3, 10)
+    assert not graph.plant.has_parameter("qos_overrides./fsw/plant/truth.publisher.reliability")
