@@ -168,9 +168,11 @@ class WeldPlayer:
         if self.scenario.phases:
             machine = PhaseMachine(self.scenario.phases)
             self._programme = ProgrammeServer(
-                self._node, machine, self._course, self._in_force, self._restart, self._stop, self._tell
+                self._node, machine, self._course, self._in_force, self._restart, self._tell
             )
             self._subscriptions.append(subscribe_sent(self._node, self._received, self._on_received))
+        if self._programme is not None or not self._options.from_start:
+            self._stop.watch(self.abort)
         self._subscriptions += subscribe_sensors(self._node, self._on_sample)
         self._node.get_logger().info(f"playing {self.scenario.name}: {self.scenario.duration_s:g} s")
 

@@ -7,6 +7,7 @@ from math import nan, radians
 
 from rclpy.node import Node
 from rclpy.service import Service
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -32,6 +33,16 @@ class SafeStop:
         self.answer = ""
         self._asked: Future | None = None
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
+        self._states: Subscription | None = None
+
+    def watch(self, abort: Callable[[], tuple[bool, str]]) -> None:
+        """Call ``abort`` when a safe stop comes from elsewhere; that returns whether it had something to give up."""
+
+        def on_state(message: SupervisorState) -> None:
+            if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
+                self.answer = f"safe stop by the supervisor: {message.reason}"
+
+        self._states = self._node.create_subscription(SupervisorState, "fsw/supervisor/state", on_state, LATEST)
 
     def ask(self) -> None:
         """Ask, again and again until the supervisor has answered; to be called often."""
@@ -54,14 +65,15 @@ class SafeStop:
     def destroy(self) -> None:
         """Leave the graph."""
         self._node.destroy_client(self._set_mode)
+        if self._states is not None:
+            self._node.destroy_subscription(self._states)
 
 
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
 
-    A safe stop from elsewhere aborts the programme, too; ``stop`` then has it. ``in_force`` returns the set-points in
-    force; ``restart`` sends set-points that take effect at once, and the future ones of the course; ``published`` gets
-    every report.
+    ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at once, and the future
+    ones of the course; ``published`` gets every report.
     """
 
     def __init__(
@@ -71,22 +83,19 @@ class ProgrammeServer:
         course: Course,
         in_force: Callable[[], Reference],
         restart: Callable[[Reference], object],
-        stop: SafeStop,
         published: Callable[[WeldProgress], object],
     ) -> None:
         self._node, self.machine, self._course = node, machine, course
-        self._in_force, self._restart, self._stop, self._published = in_force, restart, stop, published
+        self._in_force, self._restart, self._published = in_force, restart, published
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self._services = [self._serve("hold", self._hold), self._serve("resume", self._resume)]
-        self._states = node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
     def destroy(self) -> None:
         """Leave the graph."""
         self._node.destroy_publisher(self._publisher)
-        self._node.destroy_subscription(self._states)
         for service in self._services:
             self._node.destroy_service(service)
 
@@ -130,10 +139,6 @@ class ProgrammeServer:
         way = self._course.resume(present, self.machine.tick)
         self._restart(present)
         return ok, f"{answer}; {way}"
-
-    def _on_supervisor(self, message: SupervisorState) -> None:
-        if message.actual_mode == Mode.SAFE_STOP and self.abort()[0]:
-            self._stop.answer = f"safe stop by the supervisor: {message.reason}"
 
     def on_tick(self, stamp_ns: int) -> None:
         """Report the progress when it is due."""

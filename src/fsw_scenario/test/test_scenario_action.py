@@ -166,8 +166,9 @@ def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_fol
     caller.begin(content)
 
 
-def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller):
-    handle = caller.begin(LONG)
+@pytest.mark.parametrize("content", [LONG, SHORT], ids=["programme", "scenario"])
+def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
+    handle = caller.begin(content)
     caller.tick()
     caller.states.publish(SupervisorState(actual_mode="safe_stop", reason="an interlock"))
     answer = caller.result(handle)
