@@ -11,8 +11,8 @@ import numpy as np
 from canister.full import exact_stir_zone_c
 from fsw_analysis.changes import part
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_canister import CanisterParameters, CanisterState, ReducedCanister
-from fsw_canister.history import ToolCourse, heat_history, heated
+from fsw_canister import CanisterParameters, CanisterState, HeatModel, load_or_reduce
+from fsw_canister.history import ToolCourse, heated
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import identify
 from fsw_identification.weld_data import prepare
@@ -71,7 +71,7 @@ def identified(axial_mm: float, begin_s: float) -> dict[str, tuple[float, float]
     return {name: (float(getattr(fit.parameters, name)), std.get(name, 0.0)) for name in THERMAL}
 
 
-def step_response(canister: ReducedCanister, axial_mm: float) -> FloatArray:
+def step_response(canister: HeatModel, axial_mm: float) -> FloatArray:
     """Rise of the stir zone by tick after a step of 1 kW, while the tool travels; after ten minutes of 43.6 kW."""
     base = canister.initial()
     power_kw, rises = nominal().operating_power_kw, []
@@ -140,7 +140,7 @@ def line_source(edge_mm: float) -> FloatArray:
     return np.asarray(1e3 / 0.05 / (4.0 * np.pi * k) * np.cumsum(parts))
 
 
-def weld_course(scenario: Scenario, signals: WeldSignals, canister: ReducedCanister) -> tuple[ToolCourse, int]:
+def weld_course(scenario: Scenario, signals: WeldSignals, canister: HeatModel) -> tuple[ToolCourse, int]:
     """Power, speed and height of a weld from a cold canister on, and how many steps it was heated before its start."""
     assert signals.truth is not None
     start = PlantConfig.from_values(scenario.plant)
@@ -164,23 +164,34 @@ def weld_course(scenario: Scenario, signals: WeldSignals, canister: ReducedCanis
     return ToolCourse(np.append(np.full(count, start["start.power_kw"]), power_kw), speed, axial), count
 
 
+def stir_zone_c(canister: HeatModel, course: ToolCourse, dt_s: float) -> FloatArray:
+    """Temperature of the stir zone at the ends of the steps of a course, from a cold canister."""
+    state, found = canister.initial(axial_mm=float(course.axial_mm[0])), []
+    columns = course.power_kw.tolist(), course.traverse_mm_per_s.tolist(), course.axial_mm.tolist()
+    for inputs in zip(*columns, strict=True):
+        state = canister.step(state, *inputs, dt_s)
+        found.append(canister.stir_zone_temperature_c(state))
+    return np.array(found)
+
+
 def reduced_against_full(
     scenario: Scenario, signals: WeldSignals, progress: Callable[[float], None] | None = None
 ) -> dict[str, Any]:
     """How far the reduced stir zone is from that of all finite elements over a whole weld, heating-up included."""
     parameters = PlantConfig.from_values(scenario.plant).canister
     assert parameters is not None
-    canister = reduced(parameters)
+    canister, fine = reduced(parameters), load_or_reduce(parameters)
     course, before = weld_course(scenario, signals, canister)
     dt_s = _HELD_TICKS * TICK_S
-    start = canister.initial(axial_mm=float(course.axial_mm[0]))
-    history = heat_history(canister, start, course, dt_s)
-    wrong_c = history.stir_zone_c - exact_stir_zone_c(parameters, course, dt_s, progress)
+    seen = stir_zone_c(canister, course, dt_s)
+    wrong_c = seen - exact_stir_zone_c(parameters, course, dt_s, progress)
     minutes = dt_s * (np.arange(wrong_c.size) + 1 - before) / 60.0
     phases = [("heating-up", -before * dt_s, 0.0), *spans(scenario.phases, signals.n_ticks * TICK_S)]
     inside = {name: (60.0 * minutes > a + 1e-6) & (60.0 * minutes <= b + 1e-6) for name, a, b in phases}
     return {
         "states": canister.states,
+        "fine_states": fine.states,
+        "from_fine_c": float(np.abs(seen - stir_zone_c(fine, course, dt_s)).max()),
         "largest_c": float(np.abs(wrong_c).max()),
         "rms_c": float(np.sqrt(np.mean(wrong_c**2))),
         "phases_c": {name: float(np.abs(wrong_c[at]).max()) for name, at in inside.items()},
