@@ -25,7 +25,7 @@ from fsw_canister.projection import TYPICAL, Progress, Projection
 from fsw_canister.stepped import Array, CanisterState, HeatModel
 
 #: Hankel singular value, mean of the positions, below which a direction is left out [K at ``_POWER_KW``]
-_TOLERANCE_K, _POWER_KW = 0.03, 50.0
+TOLERANCE_K, _POWER_KW = 0.03, 50.0
 #: for which the vectors are chosen: traverse speeds [mm/s]; others are served as well
 _SPEEDS_MM_PER_S = (0.0, 43.0 / 60.0, 86.0 / 60.0, 172.0 / 60.0)
 _SLOWEST_PER_S = 1e-4
@@ -79,17 +79,17 @@ def load_or_compact(
     return CompactCanister(parameters, kept(Compact, parameters, cache, make, progress))
 
 
-def compact_of(projection: Projection, parameters: CanisterParameters) -> Compact:
+def compact_of(projection: Projection, parameters: CanisterParameters, tolerance_k: float = TOLERANCE_K) -> Compact:
     """Choose the vectors by the Gramians of even and odd part, and project on them.
 
     With heat made and temperature taken at the same places the system in the tool's frame is its own adjoint but for
     the direction of travel, which changes the sign of the odd part alone: inputs and outputs have the same Gramians.
     """
     with one_thread():
-        return _compact(projection, parameters)
+        return _compact(projection, parameters, tolerance_k)
 
 
-def _compact(q: Projection, parameters: CanisterParameters) -> Compact:
+def _compact(q: Projection, parameters: CanisterParameters, tolerance_k: float) -> Compact:
     twice = np.where(q.mode == 0, 1.0, np.sqrt(2.0))
     tables = {name: getattr(q, name) * twice for name in ("probe", "shoulder", "rim")}
     decay, turn = q.diagonal(TYPICAL["k"], TYPICAL["surface"], TYPICAL["clamp"])
@@ -98,7 +98,7 @@ def _compact(q: Projection, parameters: CanisterParameters) -> Compact:
     blocks = list(pairwise(q.ends.tolist()))
     projected, parities = {}, {}
     for parity, gramian in zip(("even", "odd"), _gramians(q, here, decay, parameters.outer_radius_mm), strict=True):
-        leading = _leading(gramian)
+        leading = _leading(gramian, tolerance_k)
         vectors = np.concatenate([t @ leading[a:b] for (a, b), t in zip(blocks, turn, strict=True)])
         parities[parity] = vectors
         for name in ("conduction", "surface", "clamp"):
@@ -132,13 +132,13 @@ def _gramians(q: Projection, tables: list[Array], decay: Array, radius_mm: float
     return even, odd
 
 
-def _leading(gramian: Array) -> Array:
+def _leading(gramian: Array, tolerance_k: float) -> Array:
     """Its eigenvectors above the tolerance, (states, n)."""
     from scipy.sparse.linalg import eigsh
 
     count = len(gramian)
     values, vectors = eigsh(gramian, k=min(_MOST, count - 1), v0=np.ones(count))  # a start: the same every time
-    return np.asarray(vectors[:, values > _TOLERANCE_K][:, ::-1])
+    return np.asarray(vectors[:, values > tolerance_k][:, ::-1])
 
 
 class CompactCanister(HeatModel):
