@@ -244,7 +244,7 @@ def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
 
 
 def validation(progress: Callable[[float], None] | None = None, coarse: bool = False) -> dict[str, Any]:
-    """All numbers of the page's first half; ``coarse``: all finite elements on a mesh that takes a tenth of the time."""
+    """All numbers of the first page; ``coarse``: all finite elements on a mesh that takes a tenth of the time."""
     scenario = scenario_file.load(_TRAVERSED, [f"controller={name_of(_CONTROLLER)}"])
     signals = run(scenario, _CONTROLLER)
     found: dict[str, Any] = {"identified": {}, "steps": steps(), "weld": whole_weld(scenario, signals)}
