@@ -49,22 +49,7 @@ def kept(
     make: Callable[[], Kind],
     progress: Progress | None = None,
 ) -> Kind:
-    """A reduction, a dataclass of arrays, from the cache or made now and kept.
-
-    Parameters
-    ----------
-    kind : type
-    parameters : CanisterParameters
-    cache : Path or None
-        Folder of the cache, or a file (``.npz``) that must be of this geometry.
-    make : callable
-    progress : callable, optional
-
-    Raises
-    ------
-    fsw_schema.models.InputError
-        If a file is of another geometry, or ``make`` raises it.
-    """
+    """A reduction, a dataclass of arrays, from the cache or made now and kept; see ``reduced.load_or_reduce``."""
     given, shape = cache is not None and cache.suffix == ".npz", _shape(parameters, kind)
     path = cache if cache is not None and given else cache_path(parameters, cache, kind)
     found = _read(path, kind, shape, refuse=given)

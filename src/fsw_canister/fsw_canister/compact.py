@@ -37,34 +37,28 @@ _MOST_KNOWN = 16
 
 @dataclass(frozen=True)
 class Compact:
-    """Projected matrices, of even and odd part; what the cache keeps.
+    """Projected matrices; what the cache keeps. The even states come first.
 
     Attributes
     ----------
-    conduction_even, surface_even, clamp_even : (n, n) arrays
+    conduction, surface, clamp : (states, states) arrays
         At k = h = 1.
-    conduction_odd, surface_odd, clamp_odd : (q, q) arrays
-    transport : (n, q) array
+    transport : (even, odd) array
         At one turn of the tool in 2 pi seconds.
-    probe, shoulder, rim : (positions, n) arrays
+    probe, shoulder, rim : (positions, even) arrays
         As in ``projection.py``.
     rest_k_per_w : (2, positions) array
-    typical_k : float
     axial_mm : (positions,) array
     """
 
-    conduction_even: Array
-    surface_even: Array
-    clamp_even: Array
-    conduction_odd: Array
-    surface_odd: Array
-    clamp_odd: Array
+    conduction: Array
+    surface: Array
+    clamp: Array
     transport: Array
     probe: Array
     shoulder: Array
     rim: Array
     rest_k_per_w: Array
-    typical_k: Array
     axial_mm: Array
 
 
@@ -85,31 +79,31 @@ def compact_of(projection: Projection, parameters: CanisterParameters, tolerance
     With heat made and temperature taken at the same places the system in the tool's frame is its own adjoint but for
     the direction of travel, which changes the sign of the odd part alone: inputs and outputs have the same Gramians.
     """
-    with one_thread():
-        return _compact(projection, parameters, tolerance_k)
+    from scipy.linalg import block_diag
 
-
-def _compact(q: Projection, parameters: CanisterParameters, tolerance_k: float) -> Compact:
+    q = projection
     twice = np.where(q.mode == 0, 1.0, np.sqrt(2.0))
     tables = {name: getattr(q, name) * twice for name in ("probe", "shoulder", "rim")}
     decay, turn = q.diagonal(TYPICAL["k"], TYPICAL["surface"], TYPICAL["clamp"])
     decay = np.maximum(decay / TYPICAL["rho_c"], _SLOWEST_PER_S)
     here = [q.turned(table, turn) for table in tables.values()]
     blocks = list(pairwise(q.ends.tolist()))
-    projected, parities = {}, {}
-    for parity, gramian in zip(("even", "odd"), _gramians(q, here, decay, parameters.outer_radius_mm), strict=True):
-        leading = _leading(gramian, tolerance_k)
-        vectors = np.concatenate([t @ leading[a:b] for (a, b), t in zip(blocks, turn, strict=True)])
-        parities[parity] = vectors
-        for name in ("conduction", "surface", "clamp"):
-            parts = [vectors[a:b].T @ (getattr(q, name)[a:b, : b - a] @ vectors[a:b]) for a, b in blocks]
-            projected[f"{name}_{parity}"] = np.sum(parts, axis=0)
+    parities = []
+    for gramian in _gramians(q, here, decay, parameters.outer_radius_mm):
+        with one_thread():
+            leading = _leading(gramian, tolerance_k)
+        parities.append(np.concatenate([t @ leading[a:b] for (a, b), t in zip(blocks, turn, strict=True)]))
+
+    def projected(matrix: Array) -> Array:
+        of_parity = [sum(v[a:b].T @ (matrix[a:b, : b - a] @ v[a:b]) for a, b in blocks) for v in parities]
+        return np.asarray(block_diag(*of_parity))
+
+    even, odd = parities
     return Compact(
-        **projected,
-        transport=parities["even"].T @ (q.mode[:, None] * parities["odd"]),
-        **{name: table @ parities["even"] for name, table in tables.items()},
+        **{name: projected(getattr(q, name)) for name in ("conduction", "surface", "clamp")},
+        transport=even.T @ (q.mode[:, None] * odd),
+        **{name: table @ even for name, table in tables.items()},
         rest_k_per_w=q.rest_k_per_w,
-        typical_k=np.array(q.typical_k),
         axial_mm=q.axial_mm,
     )
 
@@ -159,15 +153,12 @@ class CompactCanister(HeatModel):
     def __init__(self, parameters: CanisterParameters, compact: Compact) -> None:
         p, q = parameters, compact
         source = p.into_copper(q.probe, q.shoulder) / (2.0 * pi * p.heat_capacity_j_per_m3_k)
-        rest = p.into_copper(*q.rest_k_per_w) * (float(q.typical_k) / p.conductivity_w_per_m_k)
+        rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
         super().__init__(p, q.axial_mm, source, q.rim, rest)
         self._even, odd = q.transport.shape
         self.states = self._even + odd
-        self._decay = np.zeros((self.states, self.states))
-        for parity, at in (("even", slice(self._even)), ("odd", slice(self._even, None))):
-            conduction, surface, clamp = (getattr(q, f"{name}_{parity}") for name in ("conduction", "surface", "clamp"))
-            matrix = p.conductivity_w_per_m_k * conduction + p.surface_w_per_m2_k * surface
-            self._decay[at, at] = (matrix + p.clamp_w_per_m2_k * clamp) / p.heat_capacity_j_per_m3_k
+        matrix = p.conductivity_w_per_m_k * q.conduction + p.surface_w_per_m2_k * q.surface
+        self._decay = (matrix + p.clamp_w_per_m2_k * q.clamp) / p.heat_capacity_j_per_m3_k
         self._transport = q.transport
         self._known: dict[tuple[float, float], tuple[Array, Array]] = {}
 
@@ -211,12 +202,7 @@ class CompactCanister(HeatModel):
         return float(self.copper.temperature_c(rim @ state.modes[: self._even] + rest * state.power_kw))
 
     def tables(self) -> dict[str, Array]:
-        """The model as numbers, for another language: the matrices of :meth:`over`, and what is interpolated.
-
-        ``decay`` (states, states) and ``transport`` (even, odd) [1/s, rad]; ``axial_mm`` with ``source``, ``rim``
-        (positions, even) and ``rest`` (positions,); ``theta_k`` with ``grid_c``.
-        """
-        theta, grid = self.copper.theta_k, self.copper.grid_c
+        """The model as numbers, for another language: of which :meth:`over` is made, and what is tabulated."""
         return {
             "decay": self._decay,
             "transport": self._transport,
@@ -224,6 +210,6 @@ class CompactCanister(HeatModel):
             "source": self._source,
             "rim": self._rim,
             "rest": self._rest,
-            "theta_k": theta,
-            "grid_c": grid,
+            "theta_k": self.copper.theta_k,
+            "grid_c": self.copper.grid_c,
         }

@@ -54,7 +54,6 @@ class Projection:
         Integrals of the basis vectors over the copper and its surfaces; 0 but for mode 0.
     rest_k_per_w : (2, positions) array
         What the bases leave out at the rim, of fast modes at rest and at a typical k, of probe and shoulder.
-    typical_k : float
     axial_mm : (positions,) array
     """
 
@@ -70,7 +69,6 @@ class Projection:
     surface_ones: Array
     clamp_ones: Array
     rest_k_per_w: Array
-    typical_k: float
     axial_mm: Array
 
     @property
@@ -158,7 +156,6 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
         np.concatenate([whole[1], rest]),
         np.concatenate([whole[2], rest]),
         left_out,
-        TYPICAL["k"],
         axial_mm,
     )
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fsw_canister.cache import projection_of
 from fsw_canister.elements import elements_of
 from fsw_canister.parameters import CanisterParameters
-from fsw_canister.projection import Progress, Projection
+from fsw_canister.projection import TYPICAL, Progress, Projection
 from fsw_canister.stepped import Array, CanisterState, Complex, HeatModel
 from fsw_schema.models import InputError
 
@@ -52,7 +52,6 @@ class ReducedCanister(HeatModel):
 
     Attributes
     ----------
-    parameters : CanisterParameters
     states : int
         Complex numbers in a state.
     decay_per_s : (states,) array
@@ -67,14 +66,9 @@ class ReducedCanister(HeatModel):
         self.decay_per_s = np.maximum(decay, 0.0) / p.heat_capacity_j_per_m3_k
         self._ends = q.ends
         source = p.into_copper(q.turned(q.probe, turn), q.turned(q.shoulder, turn))
-        rest = p.into_copper(*q.rest_k_per_w) * (float(q.typical_k) / p.conductivity_w_per_m_k)
-        super().__init__(
-            p,
-            q.axial_mm,
-            source / (2.0 * pi * p.heat_capacity_j_per_m3_k),
-            q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0),
-            rest,
-        )
+        rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
+        source = source / (2.0 * pi * p.heat_capacity_j_per_m3_k)
+        super().__init__(p, q.axial_mm, source, q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0), rest)
         self._vectors, self._ones = q.turned(q.vectors, turn), q.turned(q.ones, turn)
         self._loss = p.surface_w_per_m2_k * q.turned(q.surface_ones, turn)
         self._loss = self._loss + p.clamp_w_per_m2_k * q.turned(q.clamp_ones, turn)

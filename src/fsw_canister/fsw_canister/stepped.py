@@ -48,16 +48,11 @@ class HeatModel(ABC):
     ----------
     parameters : CanisterParameters
     axial_mm : (positions,) array
-        Evenly spaced positions of the tool for which the next are tabulated.
+        Evenly spaced positions, for which the next are tabulated.
     source, rim : (positions, n) arrays
         Heat of 1 kW into the states, and the stir zone's temperature of them.
     rest_k_per_kw : (positions,) array
         What answers at once.
-
-    Attributes
-    ----------
-    parameters : CanisterParameters
-    copper : Kirchhoff
     """
 
     def __init__(
