@@ -227,14 +227,14 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
 
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
-    """Steps, the needed power over the weld, the error of the reduction, and the verdict by phase."""
+    """Steps, the needed power over the weld, and the error of the reduction."""
     import matplotlib
     from matplotlib.figure import Figure
 
     validation = data["validation"]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 11.5), layout="constrained")
-        steps, power, wrong, verdict = figure.subplots(4, 1, height_ratios=(1.3, 1.0, 0.7, 1.0))
+        figure = Figure(figsize=(9.0, 8.5), layout="constrained")
+        steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
         _draw_steps(steps, validation["steps"])
         weld, reduced = validation["weld"], validation["reduced"]
         power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
@@ -253,7 +253,17 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
                 power.annotate(
                     name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
                 )
-        _draw_shares(verdict, data["verdict"]["phases"])
+        figure.savefig(path)
+
+
+def draw_shares(data: Mapping[str, Any], path: Path) -> None:
+    """The verdict by phase."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+        _draw_shares(figure.subplots(), data["verdict"]["phases"])
         figure.savefig(path)
 
 
@@ -284,18 +294,19 @@ def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The two pages with their figure."""
-    figure = folder / "canister.png"
-    draw(data, figure)
+    """The page of the plant and, where canisters were welded, that of the verdict; each with its figure."""
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
     functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
     functions += [coppers, compacts, worst_copper]
-    pages = []
-    for name in ("canister.md", "canister-verdict.md"):
-        text = environment.get_template(f"{name}.j2").render(
+    pictures = {"canister": draw, **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {})}
+    written = []
+    for name, picture in pictures.items():
+        text = environment.get_template(f"{name}.md.j2").render(
             **data, limits=limits, **{one.__name__: one for one in functions}
         )
-        pages.append(folder / name)
-        pages[-1].write_text(text.rstrip("\n") + "\n", encoding="utf-8")
-    return [*pages, figure]
+        page, figure = folder / f"{name}.md", folder / f"{name}.png"
+        page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+        picture(data, figure)
+        written += [page, figure]
+    return written

@@ -192,7 +192,10 @@ def test_the_page_is_written(tmp_path):
         "verdict": report.summary(json.loads(json.dumps(rows))),
     }
     data["verdict"]["phases"] |= {name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES}
-    first, verdict_page, figure = report.write(data, tmp_path)
+    first, figure, verdict_page, shares = report.write(data, tmp_path)
     assert "| **all phases** | 1 of 1, 21 to 100 % | 1 of 1, 21" in verdict_page.read_text()
     assert "stir zone | 0.30" in first.read_text()
-    assert figure.stat().st_size > 10_000
+    assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
+    data["verdict"], folder = report.summary([]), tmp_path / "plant"  # nothing was welded
+    folder.mkdir()
+    assert report.write(data, folder) == [folder / "canister.md", folder / "canister.png"]
