@@ -37,7 +37,10 @@ MAY_IMPORT = {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
         *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
-    "fsw_export": {"fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
+    "fsw_export": {
+        *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
+        "fsw_scenario",
+    },
     "fsw_campaign": {
         *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
     },
