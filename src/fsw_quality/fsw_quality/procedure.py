@@ -207,6 +207,15 @@ class Acceptance(Model):
     """where the figures come from"""
 
 
+class Identity(Model):
+    """Which procedure a weld was judged by."""
+
+    id: str
+    revision: str
+    date: str
+    sha256: str
+
+
 class Procedure(Model):
     """Content of a procedure file."""
 
@@ -263,6 +272,11 @@ class Procedure(Model):
     def sha256(self) -> str:
         """Hash of everything that it says; comments and order of keys do not count."""
         return digest(self.model_dump(mode="json"))
+
+    @property
+    def identity(self) -> Identity:
+        """Name, revision and hash."""
+        return Identity(id=self.id, revision=self.revision, date=self.date, sha256=self.sha256)
 
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -18,11 +17,13 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
+from fsw_quality.attestation import IDENTITY, bag_name, software_versions
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
-from fsw_quality.procedure import Procedure, digest
+from fsw_quality.procedure import Identity, Procedure, digest
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.errors import BagError
 from fsw_schema.models import Many, Model
 
@@ -30,8 +31,6 @@ from fsw_schema.models import Many, Model
 _SIMULATED_NS = NANOSECONDS * 10**8
 #: parameters that say nothing of the control
 _NOT_TUNING = ("use_sim_time", "start_type_description_service")
-#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
-IDENTITY = ("canister", "lid", "tool", "machine")
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -102,15 +101,6 @@ class Gap(Model):
     duration_s: float
 
 
-class ProcedureIdentity(Model):
-    """Which procedure the weld was judged by."""
-
-    id: str
-    revision: str
-    date: str
-    sha256: str
-
-
 class Record(Model):
     """Content of record.json."""
 
@@ -120,7 +110,7 @@ class Record(Model):
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""
     rules: Many[Rule]
-    procedure: ProcedureIdentity
+    procedure: Identity
     bag: str
     """name of the bag"""
     files: Many[BagFile]
@@ -199,10 +189,8 @@ def assemble(
         verdict=verdict,
         deciding=deciding,
         rules=tuple(rules),
-        procedure=ProcedureIdentity(
-            id=procedure.id, revision=procedure.revision, date=procedure.date, sha256=procedure.sha256
-        ),
-        bag=_name(signals.path),
+        procedure=procedure.identity,
+        bag=bag_name(signals.path),
         files=files,
         identity={key: custom[key] for key in IDENTITY if key in custom},
         start_ns=start_ns,
@@ -210,7 +198,7 @@ def assemble(
         duration_s=_round(course.time_s[-1] - course.time_s[0]),
         controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
         operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
-        software=_software(signals.attachments),
+        software=software_versions(signals.attachments),
         parameters_sha256=parameters,
         attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
@@ -226,7 +214,8 @@ def assemble(
 
 
 def _files(bag: Path) -> tuple[BagFile, ...]:
-    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.is_file())
+    kinds = (*SUFFIXES, METADATA_NAME)
+    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
     found = []
     for path in paths:
         with path.open("rb") as file:
@@ -238,12 +227,6 @@ def _files(bag: Path) -> tuple[BagFile, ...]:
     return tuple(found)
 
 
-def _name(path: Path) -> str:
-    """Name of a bag; a folder ``bag`` says nothing, so with that of its parent."""
-    whole = path.resolve()
-    return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
-
-
 def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
     found = {}
     for name in dict.fromkeys([*signals.proposals, *(one.name for one in procedure.controllers)]):
@@ -253,13 +236,6 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
             continue
         found[name] = digest({key: value for key, value in values.items() if key not in _NOT_TUNING})
     return found
-
-
-def _software(attachments: Mapping[str, bytes]) -> dict[str, str]:
-    try:
-        return {str(key): str(value) for key, value in json.loads(attachments["versions.json"]).items() if value}
-    except (KeyError, ValueError, AttributeError):
-        return {}
 
 
 def _who(event: WeldEvent) -> str:

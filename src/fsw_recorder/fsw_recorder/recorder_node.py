@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
+from threading import Thread
 from typing import Any
 
 import rclpy
@@ -24,6 +25,7 @@ from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
@@ -89,6 +91,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         writer.is_paused = values["start_paused"]
         for name, data in attachments:
             writer.attach(name, media_type(name), data)
+        if options.manifest:  # the programs that tell may take seconds to answer
+            Thread(target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True).start()
         return writer
 
     def _make_services(self) -> None:
