@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,6 +18,7 @@ from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions
+from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
 from fsw_quality.procedure import Identity, Procedure, digest
@@ -31,6 +32,8 @@ from fsw_schema.models import Many, Model
 _SIMULATED_NS = NANOSECONDS * 10**8
 #: parameters that say nothing of the control
 _NOT_TUNING = ("use_sim_time", "start_type_description_service")
+#: actions on the operator's page that change who has control, and what is answered when it is handed over
+_CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -85,6 +88,21 @@ class PhaseRecord(Model):
     """work of the spindle, friction in the drive included, per travel"""
 
 
+class TimeOfControl(Model):
+    """Somebody had control on the operator's page."""
+
+    who: str
+    """name and session"""
+    begin_s: float
+    end_s: float
+    """when it was given away or lost, or the end of the weld"""
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return f"{self.who} from {self.begin_s:.1f} to {self.end_s:.1f} s"
+
+
 class Event(Model):
     """Something that happened: phase, weld, swap, mode, interlock, alarm, operator or fault."""
 
@@ -123,6 +141,9 @@ class Record(Model):
     controllers: Many[str]
     """whose commands were applied"""
     operators: Many[str]
+    """who asked for something"""
+    control: Many[TimeOfControl]
+    """who had control and when, as far as it was taken while the recorder ran"""
     software: dict[str, str]
     parameters_sha256: dict[str, str]
     """of each controller"""
@@ -140,6 +161,13 @@ class Record(Model):
     events: Many[Event]
     phases: Many[PhaseRecord]
     """as they were, and the whole weld"""
+    comparison: Comparison | None = None
+    """with the last accepted welds of the procedure, where their records were given"""
+
+    @property
+    def data_files(self) -> tuple[str, ...]:
+        """Hashes of the files with the messages: by them two records of one weld are known."""
+        return tuple(sorted(one.sha256 for one in self.files if one.name != METADATA_NAME))
 
 
 def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:
@@ -198,6 +226,7 @@ def assemble(
         duration_s=_round(course.time_s[-1] - course.time_s[0]),
         controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
         operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
+        control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
         parameters_sha256=parameters,
         attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
@@ -240,6 +269,28 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
 
 def _who(event: WeldEvent) -> str:
     return event.text.partition(": ")[0]
+
+
+def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
+    """Who had control when, from the operators' actions on record; ``end_s`` is the end of the weld."""
+    found: list[TimeOfControl] = []
+    holder, since_s = "", 0.0
+    for event in events:
+        who, action, outcome, *answer = [*event.text.split(": ", 3), "", ""]
+        if event.kind != "operator" or outcome != "done" or action not in _CONTROL:
+            continue
+        taker = who if action == "take control" else ""
+        if action == "hand control over":
+            if not answer[0].startswith(_HANDED):
+                continue
+            taker = answer[0].removeprefix(_HANDED)
+        if holder and taker != holder:
+            found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(event.time_s)))
+        if taker != holder:
+            holder, since_s = taker, event.time_s
+    if holder:
+        found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(max(end_s, since_s))))
+    return found
 
 
 def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence) -> list[str]:

@@ -24,6 +24,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
+from fsw_recorder import after_recording
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
@@ -64,6 +65,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._depth: int = values["queue_depth"]
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
+        self._on_finished: list[str] = list(values["on_finished"])
+        after_recording.check(self._on_finished)
         self.writer = self._make_writer(values)
         self._make_services()
         self._diagnostics = DiagnosticsPublisher(self)
@@ -196,6 +199,11 @@ class RecorderNode(Node):  # type: ignore[misc]
         else:
             missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
             logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
+        if self._on_finished:
+            try:
+                after_recording.start(self._on_finished, self.writer.folder)
+            except OSError as error:
+                logger.error(f"on_finished cannot be started: {error.strerror}; the bag is unharmed")
         super().destroy_node()
 
 

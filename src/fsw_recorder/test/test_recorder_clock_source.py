@@ -9,9 +9,7 @@ import pytest
 
 from fsw_recorder.clock_source import UNKNOWN, ClockState, clock_state
 
-CHRONY = (
-    "C0A80101,ntp.cell.example,2,1764072000.1,-0.000012345,0.0,0.0,1.2,0.1,0.2,0.004,0.0005,64.2,Normal\n"
-)
+CHRONY = "C0A80101,ntp.cell.example,2,1764072000.1,-0.000012345,0.0,0.0,1.2,0.1,0.2,0.004,0.0005,64.2,Normal\n"
 PTP = """sending: GET TIME_STATUS_NP
 	90e2ba.fffe.1a2b3c-0 seq 0 RESPONSE MANAGEMENT TIME_STATUS_NP
 		master_offset              -37
