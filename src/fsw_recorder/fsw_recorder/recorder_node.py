@@ -25,6 +25,7 @@ from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_recorder import after_recording
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
@@ -199,7 +200,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         else:
             missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
             logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
-        if self._on_finished:
+        if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
             try:
                 after_recording.start(self._on_finished, self.writer.folder)
             except OSError as error:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from std_msgs.msg import String
 
 from fsw_recorder import after_recording
 from fsw_recorder.after_recording import LOG_NAME, check, run
@@ -49,16 +52,17 @@ def test_what_is_no_command_is_refused_at_the_start(command: str, said: str) -> 
 
 
 @pytest.mark.slow
-def test_the_recorder_starts_it_and_ends_at_once(graph: object, tmp_path: Path) -> None:
+def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> None:
     """The bag is finished, with its manifest, when the command begins; the command outlives the recorder."""
     bag, done = tmp_path / "bag", tmp_path / "done.txt"
     code = "import os, sys; open(sys.argv[2], chr(119)).write(str(sorted(os.listdir(sys.argv[1]))))"
     command = f"{PYTHON} \"{code}\" {{bag}} '{done}'"
-    words = [f"output:={bag}", f"on_finished:=[{command!r}]"]
+    words = [f"output:={bag}", f"on_finished:={json.dumps([command])}"]
     arguments = [word for one in words for word in ("-p", one)]
-    program = graph.start("fsw_recorder.recorder_node", "--ros-args", *arguments)  # type: ignore[attr-defined]
-    wait_until(lambda: (bag / "bag_0.mcap").exists(), "the bag")
-    exit_code, output = graph.end(program, signal.SIGINT)  # type: ignore[attr-defined]
+    publisher = graph.node.create_publisher(String, "/x", 10)
+    program = graph.start("fsw_recorder.recorder_node", "--ros-args", *arguments)
+    graph.until(lambda: publisher.get_subscription_count() or program.poll() is not None)
+    exit_code, output = graph.end(program, signal.SIGINT)
     assert exit_code == 0, output
     wait_until(lambda: done.exists() and done.read_text().endswith("]"), "the command")
     assert "manifest.json" in done.read_text() and "metadata.yaml" in done.read_text()
