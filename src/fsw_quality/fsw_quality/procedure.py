@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
 from fsw_control.contract import SENSORS
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_quality.signature import verify_file
 from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, shipped_names, validate
 from fsw_schema.ranges import Range
 
@@ -303,8 +304,10 @@ def load(source: str | Path) -> Procedure:
     Raises
     ------
     fsw_schema.models.InputError
-        It cannot be read or something in it is wrong.
+        It cannot be read, something in it is wrong, or it was changed after it was signed.
     """
+    if Path(source).is_file():
+        verify_file(Path(source), None)
     return validate(Procedure, content_of(read_text(source, "procedure", _SHIPPED), str(source)), str(source))
 
 

@@ -147,8 +147,15 @@ def sign(message: bytes, key: Ed25519PrivateKey) -> str:
     return "\n".join([_BEGIN, *(text[at : at + _LINE] for at in range(0, len(text), _LINE)), _END, ""])
 
 
-def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey]) -> PublicKey:
+def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey] | None) -> PublicKey:
     """Check a signature; returns the key of its signer.
+
+    Parameters
+    ----------
+    message : bytes
+    armoured : str
+    trusted : sequence of PublicKey or None
+        None: any key will do, e.g. to see whether a file was changed.
 
     Raises
     ------
@@ -160,7 +167,7 @@ def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey]) -> Publi
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
     signer, value = _parse(armoured)
-    if signer not in trusted:
+    if trusted is not None and signer not in trusted:
         known = ", ".join(key.fingerprint for key in trusted) or "none"
         raise InputError(f"signed by key {signer.fingerprint}, which is not the trusted one ({known})")
     try:
@@ -168,6 +175,31 @@ def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey]) -> Publi
     except InvalidSignature:
         raise InputError("the signature does not fit: it was changed after it was signed") from None
     return signer
+
+
+def signature_path(path: Path) -> Path:
+    """Where the signature of a file is."""
+    return path.with_name(path.name + SUFFIX)
+
+
+def verify_file(path: Path, trusted: Sequence[PublicKey] | None) -> PublicKey | None:
+    """Check a file with a signature beside it; returns the key of its signer, None where there is no signature.
+
+    Raises
+    ------
+    InputError
+        The signature is damaged, or not of these bytes, or not by a trusted key.
+    """
+    try:
+        armoured = signature_path(path).read_text(encoding="ascii", errors="replace")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{signature_path(path)}: {error.strerror}") from None
+    try:
+        return verify(path.read_bytes(), armoured, trusted)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _parse(armoured: str) -> tuple[PublicKey, bytes]:

@@ -73,6 +73,8 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     ):
         text = f"is another file: none of its chunks is one that was recorded{_sizes(data, listed)}"
         return [Finding(listed.name, text, tuple(lost))]
+    if len(listed.pieces) == 1:
+        return [Finding(listed.name, f"is not what was recorded{_sizes(data, listed)}", (0,))]
     found = []
     for _, group in groupby(enumerate(lost), lambda one: one[1] - one[0]):
         rows = [row for _, row in group]
