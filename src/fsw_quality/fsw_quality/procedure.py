@@ -298,6 +298,12 @@ def shipped() -> list[str]:
     return shipped_names(_SHIPPED)
 
 
+def path_of(source: str | Path) -> Path:
+    """The file that `load` reads."""
+    path = Path(source).expanduser()
+    return _SHIPPED / f"{source}.yaml" if str(source) in shipped() and not path.is_file() else path.absolute()
+
+
 def load(source: str | Path) -> Procedure:
     """Read a procedure: a YAML file, or a shipped one by its name.
 

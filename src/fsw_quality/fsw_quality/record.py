@@ -21,7 +21,8 @@ from fsw_quality.attestation import IDENTITY, bag_name, software_versions
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
-from fsw_quality.procedure import Identity, Procedure, digest
+from fsw_quality.procedure import Identity, Procedure
+from fsw_quality.procedure_watch import tuning_sha256
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
@@ -30,8 +31,6 @@ from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
 _SIMULATED_NS = NANOSECONDS * 10**8
-#: parameters that say nothing of the control
-_NOT_TUNING = ("use_sim_time", "start_type_description_service")
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
 #: topics without which something cannot be said, and what
@@ -263,7 +262,7 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
             values = recorded_parameters(signals.attachments, signals.namespace, name)
         except BagError:
             continue
-        found[name] = digest({key: value for key, value in values.items() if key not in _NOT_TUNING})
+        found[name] = tuning_sha256(values)
     return found
 
 
