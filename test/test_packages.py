@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_quality", "fsw_msgs"),
     },
     "fsw_export": {"fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
     "fsw_campaign": {

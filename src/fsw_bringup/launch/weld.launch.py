@@ -10,8 +10,6 @@ costs a second, in which the drives hold; so in real time a second one stands by
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,10 +25,8 @@ from launch_ros.actions import Node
 
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
-from fsw_quality.procedure import load as load_procedure
-from fsw_quality.procedure import path_of
 from fsw_quality.procedure import shipped as procedures
-from fsw_quality.procedure_limits import node_parameters
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -128,7 +124,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if speed is not None:
         page["use_sim_time"] = True
     if arguments["procedure"]:
-        _by_procedure(arguments["procedure"], parameters)
+        _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
@@ -253,18 +249,13 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
     return parameters
 
 
-def _by_procedure(source: str, parameters: dict[str, Any]) -> None:
-    """Add what follows from a procedure to the parameters of the nodes."""
+def _by_procedure(source: str, parameters: dict[str, Any], clock: dict[str, Any]) -> None:
+    """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
     try:
-        derived = node_parameters(
-            load_procedure(path_of(source)), defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
-        )
+        derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None
-    file = str(path_of(source))
-    record = f"{sys.executable} -m fsw.main record {{bag}} --procedure {shlex.quote(file)} --out {{bag}}/record"
-    derived["fsw_procedure"] = {"procedure": file}
-    derived["fsw_recorder"] = {"attach": [file], "on_finished": [record]}
+    derived["fsw_procedure"] |= clock
     for name, values in derived.items():
         parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"] |= values
 

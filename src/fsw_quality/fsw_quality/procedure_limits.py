@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Mapping
 from typing import Any
 
-from fsw_quality.procedure import Limit, Procedure, Variable
+from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
+from fsw_recorder.after_recording import BAG
 
 #: the supervisor's interlock against too low or too high values, by variable
 _LOW: dict[Variable, str] = {"temperature_c": "temperature_low"}
@@ -38,6 +41,30 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
         By node and parameter; what does not follow from the procedure is left out.
     """
     return {"fsw_supervisor": _supervisor(procedure, supervisor), "fsw_hmi": _page(procedure)}
+
+
+def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Parameters of all nodes of a weld by a procedure: also of the recorder, which then has the record written.
+
+    Parameters
+    ----------
+    source : str
+        YAML file, or the name of a shipped procedure.
+    supervisor : mapping of str to Any
+        The supervisor's default parameters.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        The procedure cannot be used.
+    """
+    file = str(path_of(source))
+    # what is signed may lie anywhere: the file itself is read, beside its signature
+    command = [sys.executable, "-m", "fsw.main", "record", BAG, "--procedure", file, "--out", f"{BAG}/record"]
+    return node_parameters(load(file), supervisor) | {
+        "fsw_procedure": {"procedure": file},
+        "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
+    }
 
 
 def _always(procedure: Procedure, kind: str, variable: Variable) -> list[Limit]:

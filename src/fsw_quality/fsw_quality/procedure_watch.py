@@ -29,6 +29,7 @@ class ProcedureWatch:
         self._permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
         self._found: dict[str, str] = {}
         self._first = ""
+        self._welds = False  # before automatic control has begun, hold is as it should be
 
     @property
     def deviations(self) -> dict[str, str]:
@@ -54,7 +55,9 @@ class ProcedureWatch:
         foreign = controller and controller not in self._permitted
         text = f"{controller} commands, permitted are {', '.join(self._permitted)}"
         self._set("controller", text if foreign else "")
-        self._set("mode", "" if mode == "auto" else f"mode {mode} ({requested_by or 'no cause told'}) in place of auto")
+        self._welds = self._welds or mode == "auto"
+        text = f"mode {mode} ({requested_by or 'no cause told'}) in place of auto"
+        self._set("mode", text if self._welds and mode != "auto" else "")
         if not controller:
             return
         if not self._first:

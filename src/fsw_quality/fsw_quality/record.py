@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -26,6 +26,7 @@ from fsw_quality.procedure_watch import tuning_sha256
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_schema.models import Many, Model
 
@@ -33,6 +34,8 @@ from fsw_schema.models import Many, Model
 _SIMULATED_NS = NANOSECONDS * 10**8
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
+#: node that watches the procedure, and its line on diagnostics
+WATCH_NODE, _DIAGNOSTICS, _DEVIATIONS = "fsw_procedure", "/diagnostics", "fsw_procedure: deviations"
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -103,7 +106,7 @@ class TimeOfControl(Model):
 
 
 class Event(Model):
-    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator or fault."""
+    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault or deviation."""
 
     time_s: float
     kind: str
@@ -180,6 +183,9 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     signals = load_weld(bag, progress)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
+        if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
+            told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
+            signals = replace(signals, events=told)
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
         raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")
@@ -239,6 +245,25 @@ def assemble(
         phases=tuple(_phases(course, procedure)),
     )
     return record, course
+
+
+def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
+    """What the node that watches the procedure told while the weld ran, each change once."""
+    topic = reader.topics().get(_DIAGNOSTICS)
+    if topic is None:
+        return []
+    definitions, found, before = Definitions(), [], ""
+    for record in reader.records([_DIAGNOSTICS]):
+        if _DEVIATIONS.encode() not in record.data:
+            continue
+        message = definitions.decode(record.type_name, topic.definition, record.data)
+        line = next(one for one in message.status if one.name.endswith(_DEVIATIONS))
+        if line.message != before and (before or line.level):
+            stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+            time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
+            found.append(WeldEvent(time_s, "deviation", line.message))
+        before = line.message
+    return found
 
 
 def _files(bag: Path) -> tuple[BagFile, ...]:

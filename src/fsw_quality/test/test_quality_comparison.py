@@ -11,9 +11,13 @@ import pytest
 from fsw_analysis.weld_signals import WeldEvent
 from fsw_quality.comparison import MOST, accepted_before, compare
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import BagFile, Record, assemble, times_of_control
+from fsw_quality.record import BagFile, Record, assemble, times_of_control, told_deviations
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic
+from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_schema.models import InputError
 from fsw_test_support.judged_weld import good_weld, short_procedure
+from fsw_test_support.sample_weld import SampleTypes
 
 
 def record(number: int, offset_mm: float = 0.0, procedure: Procedure | None = None, sha: str = "") -> Record:
@@ -90,3 +94,23 @@ HAND: Callable[[str], str] = "hand control over: done: control handed over to {}
 def test_times_of_control(actions: list[tuple[float, str, str]], expected: list[tuple[str, float, float]]) -> None:
     events = [WeldEvent(time_s, "operator", f"{who}: {text}") for time_s, who, text in actions]
     assert [(one.who, one.begin_s, one.end_s) for one in times_of_control(events, 9.0)] == expected
+
+
+def test_told_deviations_are_on_record_once_each(tmp_path: Path) -> None:
+    """Diagnostics come every second; what changes is an event, at the weld's time."""
+    types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
+    weld = good_weld()
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(RecordedTopic("/diagnostics", kind, interface_definition(kind), interface_hash(kind)))
+        for tick, text in enumerate(["no deviation", "no deviation", "mode manual", "mode manual", "no deviation"]):
+            stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
+            status = {"name": "fsw_procedure: deviations", "message": text, "level": 2 * (text != "no deviation")}
+            stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+            values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
+            writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
+    with BagReader(tmp_path / "bag") as reader:
+        found = told_deviations(reader, weld)
+    assert [(round(one.time_s, 6), one.kind, one.text) for one in found] == [
+        (2.1, "deviation", "mode manual"),
+        (4.1, "deviation", "no deviation"),
+    ]

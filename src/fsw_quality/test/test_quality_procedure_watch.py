@@ -67,6 +67,7 @@ def test_a_limit_of_some_phases_is_none_for_all() -> None:
 def watch() -> ProcedureWatch:
     found = ProcedureWatch(short_procedure())
     found.set_points(2.66, 816.4)
+    found.state("decentral", "hold", "start")
     found.state("decentral", "auto", "start")
     assert found.deviations == {}
     return found
