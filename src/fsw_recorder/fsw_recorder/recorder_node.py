@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
+from threading import Thread
 from typing import Any, NamedTuple
 
 import rclpy
@@ -25,7 +26,10 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
+from fsw_recorder import after_recording
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
+from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
@@ -82,6 +86,8 @@ class RecorderNode(ManagedNode):
         values = self._values
         self._selection = TopicSelection(**{field.name: values[field.name] for field in fields(TopicSelection)})
         self._depth: int = values["queue_depth"]
+        self._on_finished: list[str] = list(values["on_finished"])
+        after_recording.check(self._on_finished)
         folder = self._planned().folder
         if os.path.lexists(folder):
             raise taken(folder)
@@ -131,6 +137,8 @@ class RecorderNode(ManagedNode):
         for name, data in bag.attachments:
             writer.attach(name, media_type(name), data)
         self._recorded = True
+        if bag.options.manifest:  # the programs that tell may take seconds to answer
+            Thread(target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True).start()
         return writer
 
     def _make_services(self) -> None:
@@ -235,6 +243,11 @@ class RecorderNode(ManagedNode):
         else:
             missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
             logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
+        if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
+            try:
+                after_recording.start(self._on_finished, self.writer.folder)
+            except OSError as error:
+                logger.error(f"on_finished cannot be started: {error.strerror}; the bag is unharmed")
 
     def destroy_node(self) -> None:
         """Finish the bag and leave the graph."""
