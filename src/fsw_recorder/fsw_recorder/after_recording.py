@@ -65,7 +65,7 @@ def run(commands: Sequence[str], folder: Path) -> str:
         with (
             suppress(OSError),
             log.open("a", encoding="utf-8") as file,
-        ):  # the bag may have been moved, the disk be full
+        ):  # the bag may have been moved
             file.write(f"$ {shlex.join(words)}\n{output}{code}\n")
         if failed:
             last = " ".join((output.strip().splitlines() or ["it printed nothing"])[-1].split())
