@@ -2,6 +2,8 @@
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
 So it does in real time after the programme of a weld was aborted: the safe stop is carried out and can be acknowledged.
+Without a scenario a player waits for welds as goals of the action fsw/run_weld.
+Plant, gateway and recorder are managed nodes that configure and activate themselves, unless autostart is false.
 Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the
 launch. So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
 restarted half-way, so its end is the end of the launch. To start a supervisor again
@@ -23,6 +25,10 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
+from fsw_quality.procedure import shipped as procedures
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -47,6 +53,12 @@ ARGUMENTS = {
         "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A restarted recorder continues beside it, "
         "in <folder>_1",
     ),
+    "procedure": (
+        "",
+        f"Welding procedure: YAML file, or one of {', '.join(procedures())}. Interlocks, limits of commands and the "
+        "page's bands follow from it, a weld that leaves it is told on /diagnostics, and the weld's record is written "
+        "into the bag's folder; empty: none",
+    ),
     "standby": (
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
@@ -57,11 +69,23 @@ ARGUMENTS = {
     "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
+    "autostart": (
+        "true",
+        "Whether the managed nodes (plant, gateway, recorder) configure and activate themselves; false: they wait for "
+        "`ros2 lifecycle set`",
+    ),
     "log_level": ("info", "Log level of all nodes"),
 }
 TRUE, FALSE = ("true", "True"), ("false", "False")
 FLAG = [*TRUE, *FALSE]
-CHOICES = {"record": FLAG, "hmi": FLAG, "realtime": FLAG, "standby": ["", *FLAG]}
+LEVELS = ["debug", "info", "warn", "error", "fatal"]
+CHOICES = {
+    **dict.fromkeys(("record", "hmi", "realtime", "autostart"), FLAG),
+    "standby": ["", *FLAG],
+    "log_level": [*LEVELS, *map(str.upper, LEVELS)],
+}
+#: programs that are managed nodes
+MANAGED = ("fsw_plant", "fsw_machine", "fsw_recorder")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -113,9 +137,16 @@ def weld(context: LaunchContext) -> list[Any]:
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if speed is not None:
         page["use_sim_time"] = True
+    if arguments["autostart"] in FALSE:
+        for name in MANAGED:
+            parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"]["autostart"] = False
+    if arguments["procedure"]:
+        _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
+    if arguments["procedure"]:
+        actions.append(node("fsw_quality", "procedure", **_respawn()))
     if arguments["hmi"] in TRUE:
         actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
@@ -129,6 +160,8 @@ def weld(context: LaunchContext) -> list[Any]:
         actions.append(node.standby(**_respawn()))
     if scenario is not None:
         actions.append(node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None)))
+    else:
+        actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
 
 
@@ -218,6 +251,7 @@ def _parameters_by_hand(
         "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + standby + record},
         "fsw_supervisor": {"controller": next(iter(controllers))},
         "fsw_recorder": {},
+        "fsw_scenario": {"scenario": "", "wait_for_controllers": len(controllers)},
     } | {f"fsw_{name}": {**values} for name, values in controllers.items()}
     if speed is not None:
         for name, values in nodes.items():
@@ -233,6 +267,17 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
         parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
     parameters["fsw_recorder"]["ros__parameters"].pop("output")
     return parameters
+
+
+def _by_procedure(source: str, parameters: dict[str, Any], clock: dict[str, Any]) -> None:
+    """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
+    try:
+        derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
+    except InputError as error:
+        raise RuntimeError(f"procedure: {error}") from None
+    derived["fsw_procedure"] |= clock
+    for name, values in derived.items():
+        parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"] |= values
 
 
 def _write(path: Path, parameters: dict[str, Any]) -> Path:
