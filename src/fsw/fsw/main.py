@@ -21,6 +21,7 @@ RUNNING = (
     "acknowledge",
     "weld",
     "params",
+    "lifecycle",
     "hmi",
 )
 _COMMANDS = (*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record")
