@@ -1,3 +1,5 @@
-"""The command line: a module per command parses its arguments and calls what does the work."""
+"""Friction stir welding, simulated, controlled and analysed: a public API, and the command line beside it."""
 
 import fsw_scenario  # noqa: F401  (before numpy: it sets the threads of the linear algebra)
+
+__version__ = "0.1.0"

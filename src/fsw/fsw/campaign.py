@@ -50,7 +50,7 @@ def _run(arguments: argparse.Namespace) -> int:
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
-        raise CommandError(f"campaign: {error}; install the packages in requirements/campaign.lock") from None
+        raise CommandError(f"campaign: {error.name} is missing: pip install distributed pyarrow") from None
     report = arguments.file == _REPORT
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):
