@@ -3,8 +3,8 @@
 
 usage: build_wheels.py [--out FOLDER] [--host]
 
-The libraries are compiled by zig, for x86-64 and AArch64 with glibc 2.17 or newer; with --host for this machine alone, by
-its own compiler.
+The libraries are compiled by zig, for x86-64 and AArch64 with glibc 2.17 or newer; with --host for this machine
+alone, by its own compiler.
 """
 
 import sys

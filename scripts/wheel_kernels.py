@@ -1,7 +1,8 @@
 """Build hook of the wheel: compiles the controllers' libraries into it, and says for which machine they are.
 
-``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang wheel compiles. Where no C
-compiler is found, the wheel is made without libraries; they are compiled at the first start, into the user's cache.
+``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang wheel compiles. Where
+no C compiler is found, the wheel is made without libraries; they are compiled at the first start, into the user's
+cache.
 """
 
 from __future__ import annotations

@@ -97,6 +97,12 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "pandas",
+    "xarray",
+    "control",
+    "do_mpc",
+    "gymnasium",
+    "shtab",
 }
 
 

@@ -27,8 +27,8 @@ DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
 LIVE_SCENARIO = "canister_weld"
 _DESCRIPTION = (
-    "Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are processes. Leaves bags, "
-    "figures of merit and figures."
+    "Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are processes. Leaves "
+    "bags, figures of merit and figures."
 )
 
 

@@ -2,8 +2,8 @@
 
 The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
 never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
-library (``setup.py``, ``scripts/wheel_kernels.py``); it is used if it was made from the same sources. Where there is no compiler, the ziglang wheel
-brings one.
+library (``setup.py``, ``scripts/wheel_kernels.py``); it is used if it was made from the same sources. Where there is no
+compiler, the ziglang wheel brings one.
 """
 
 from __future__ import annotations
