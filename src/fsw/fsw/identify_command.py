@@ -86,6 +86,7 @@ def _identify(arguments: argparse.Namespace) -> Identified:
     from fsw.processes import fit
     from fsw.welds import Weld
 
+    start = _model(arguments.model)
     air = None if arguments.air is None else Weld("air", load_weld(arguments.air))
     welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
     checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag)
@@ -93,7 +94,7 @@ def _identify(arguments: argparse.Namespace) -> Identified:
         for note in weld.notes:  # now, too, because the fit takes a while
             print(f"{weld.name}: {note}", file=sys.stderr)
     with ProgressBar("identifying") as bar:
-        return fit(welds, checked, air, _model(arguments.model), arguments.drive_lag, bar)
+        return fit(welds, checked, air, start, arguments.drive_lag, bar)
 
 
 def _design(arguments: argparse.Namespace) -> int:

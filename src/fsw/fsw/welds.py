@@ -17,6 +17,7 @@ from fsw_control.contract import Controller
 from fsw_plant import PlantConfig, prepare
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import OURS, make, make_all, name_of, short
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load
 from fsw_schema.models import InputError
 
@@ -226,15 +227,28 @@ def simulate(
     >>> round(float(weld["truth_depth_mm"][-1]), 2)
     2.76
     """
-    values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
-    if noise is not None:
-        values["plant.noise"] = noise
-    overrides = [f"{name}={json.dumps(value)}" for name, value in values.items()]
     own = {} if parameters is None or not isinstance(controller, str) else {name_of(controller): parameters}
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
-    label, loop = closed_loop(scenario, controller, overrides, own)
+    label, loop = closed_loop(scenario, controller, _overrides(plant, changes, noise), own)
     return Weld(label, loop.run(progress))
+
+
+def _overrides(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+    values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
+    if noise is not None:
+        values["plant.noise"] = noise
+    return [f"{name}={json.dumps(value)}" for name, value in values.items()]
+
+
+def overridden(
+    scenario: str | Path,
+    plant: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] | None = None,
+    noise: bool | None = None,
+) -> Scenario:
+    """A scenario with other values, see :func:`simulate`."""
+    return load(scenario, _overrides(plant, changes, noise))
 
 
 def closed_loop(

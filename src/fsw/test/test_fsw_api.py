@@ -5,7 +5,10 @@ import doctest
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
+from runpy import run_path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -120,6 +123,17 @@ def test_do_mpc_steps_the_same_process():
         simulator.make_step(np.array([[79.4], [410.0]]))
         x, _ = model.discrete(x, [79.4, 410.0])
     assert np.array(simulator.x0.cat).ravel() == pytest.approx(x.full().ravel())
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_the_example_with_do_mpc_moves_to_the_set_point():
+    pytest.importorskip("do_mpc")
+    example = run_path(str(Path(__file__).resolve().parents[3] / "examples" / "do_mpc_loop.py"))
+    assert 2.7 < example["main"](12) < 2.77
+    made, start = example["acados_model"](), fsw.model().state()
+    step = ca.Function("step", [made["x"], made["u"]], [made["disc_dyn_expr"]])
+    assert step(start, [78.4, 407.576]).full().ravel() == pytest.approx(start, abs=1e-4)
 
 
 def test_an_equation_that_is_not_there_is_named():
