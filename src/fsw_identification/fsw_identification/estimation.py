@@ -15,6 +15,7 @@ import numpy as np
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
 from fsw_identification.errors import IdentificationError
+from fsw_identification.mean_disturbances import heat_and_offset, mean_disturbance
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS
 from fsw_identification.statistics import CORRELATED, long_run_factor
@@ -294,7 +295,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
-    offset, offset_std = problem.mean_disturbance(covariance)
+    offset, offset_std = mean_disturbance(problem, covariance)
     problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
     sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
@@ -313,6 +314,6 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset_std=offset_std,
         shifts=list(sizes),
         share=(problem.share, float(std[-1])),
-        heat_and_offset=problem.heat_and_offset(),
+        heat_and_offset=heat_and_offset(problem),
         notes=notes,
     )
