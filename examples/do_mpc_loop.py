@@ -1,7 +1,7 @@
 """do-mpc on the process model of this project: .venv/bin/python examples/do_mpc_loop.py
 
-Needs the extra fsw-control[science]. Two set-point steps, without noise; do-mpc knows the whole state. The same model in
-the form that acados takes: see acados_model().
+Needs the extra fsw-control[science]. Two set-point steps, without noise; do-mpc knows the whole state. The same model
+in the form that acados takes: see acados_model().
 """
 
 import casadi as ca

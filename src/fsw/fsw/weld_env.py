@@ -63,7 +63,8 @@ def observation(values: Array) -> NDArray[np.float32]:
 def command(action: Array, before: Array) -> Array:
     """Commands (2, n) by actions (n, 2), changes in shares of the largest step per tick, and the commands before."""
     wanted = before + np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64).T), -1.0, 1.0) * _STEP
-    return np.minimum(np.maximum(wanted, _LOW), _HIGH)
+    limited: Array = np.minimum(np.maximum(wanted, _LOW), _HIGH)
+    return limited
 
 
 class _Welds:
@@ -163,7 +164,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     ((7,), False)
     """
 
-    metadata = {"render_modes": []}  # of the interface
+    metadata: dict[str, Any] = {"render_modes": []}
 
     def __init__(
         self,
@@ -186,7 +187,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """One tick."""
-        reward, lost, over = self._welds.step(np.asarray(action)[None])
+        reward, lost, over = self._welds.step(np.asarray(action, dtype=np.float64)[None])
         seen = self._welds.observe()[0]
         info = {}
         if lost[0] or over[0]:
@@ -194,7 +195,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
         return seen, float(reward[0]), bool(lost[0]), bool(over[0]), info
 
 
-class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]):
+class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many welds of a scenario at once, see :class:`WeldEnv`; one that has ended begins again at the next step.
 
     Examples
@@ -207,7 +208,7 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
     (8, 7)
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
         self,
@@ -240,7 +241,7 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
     ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One tick of all; those that had ended begin again instead."""
         again = np.flatnonzero(self._ended)
-        reward, lost, over = self._welds.step(actions)
+        reward, lost, over = self._welds.step(actions.astype(np.float64))
         if again.size:
             self._begin(again)
             reward[again], lost[again], over[again] = 0.0, False, False

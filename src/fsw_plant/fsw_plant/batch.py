@@ -172,9 +172,9 @@ class _Mapped:
         self._result = [np.zeros(self._function.size_out(i), order="F") for i in range(self._function.n_out())]
         self._buffer, self._evaluate = self._function.buffer()
         for i, array in enumerate(self._given):
-            self._buffer.set_arg(i, memoryview(array.T).cast("B").cast("d"))
+            self._buffer.set_arg(i, array.ravel(order="K").data)
         for i, array in enumerate(self._result):
-            self._buffer.set_res(i, memoryview(array.T).cast("B").cast("d"))
+            self._buffer.set_res(i, array.ravel(order="K").data)
 
     def __call__(self, *values: Array) -> Array:
         """All results below one another, (rows, n)."""
