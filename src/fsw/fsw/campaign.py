@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from fsw.console import program
 from fsw.errors import CommandError
 from fsw.options import add_file, add_force
 from fsw.outputs import check_new, default_folder
@@ -89,7 +90,7 @@ def _weld(arguments: argparse.Namespace) -> int:
             state = f"{len(written.done)} of {total} welds are in {folder}"
             print(f"interrupted; {state}; continue with --resume", file=sys.stderr)
             return 130
-    print(f"in {folder}: {total} welds, {total - there} of them new; next: fsw.py campaign report {folder}")
+    print(f"in {folder}: {total} welds, {total - there} of them new; next: {program()} campaign report {folder}")
     return 0
 
 

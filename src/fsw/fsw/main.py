@@ -6,9 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 
 from fsw import __version__
+from fsw.console import program
 from fsw.errors import exit_code
 
 #: modules of the commands for a running weld, in the order of the help
@@ -34,10 +34,10 @@ _MODULES = {name: f"{name}_command" for name in ("simulate", "model", "identify"
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
 
 
-def parser(program: str = "fsw.py") -> argparse.ArgumentParser:
-    """The whole command line; ``program`` is what the user has typed, ``fsw`` where the package is installed."""
+def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
+    """The whole command line; ``name`` is what the user has typed, ``fsw`` where the package is installed."""
     whole = argparse.ArgumentParser(
-        prog=program,
+        prog=name,
         description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. '%(prog)s COMMAND --help' lists the ranges.",
     )
@@ -54,7 +54,7 @@ def parser(program: str = "fsw.py") -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
-    parsed = parser("fsw" if Path(sys.argv[0]).name == "fsw" else "fsw.py").parse_args(arguments)
+    parsed = parser(program()).parse_args(arguments)
     return exit_code(lambda: int(parsed.run(parsed)))
 
 
