@@ -7,6 +7,10 @@ from _bootstrap import start
 
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
+    extras += (
+        ["hmi"] if sys.argv[1:3] == ["node", "hmi"] or (sys.argv[1:2] == ["demo"] and "--live" in sys.argv) else []
+    )
+    extras += ["machine"] if sys.argv[1:3] == ["node", "machine"] else []
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
     extras += ["completion"] if sys.argv[1:2] == ["completion"] else []
     extras += ["quality"] if sys.argv[1:2] == ["record"] else []

@@ -6,7 +6,9 @@
 # each of three controllers; [the results](../results/campaign.md) have 2,000.
 
 # %%
+import io
 import tempfile
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pyarrow.parquet
@@ -14,6 +16,7 @@ import pyarrow.parquet
 from fsw.main import main
 
 folder = Path(tempfile.mkdtemp()) / "campaign"
-main(["campaign", "model_uncertainty", "--welds", "8", "--out", str(folder)])
-welds = pyarrow.parquet.read_table(folder).to_pandas()
+with redirect_stdout(io.StringIO()):
+    main(["campaign", "model_uncertainty", "--welds", "8", "--out", str(folder)])
+welds = pyarrow.parquet.read_table(folder / "welds").to_pandas()
 welds.groupby("controller")[["iae_depth_mm_s", "iae_temperature_c_s"]].describe().T.round(2)

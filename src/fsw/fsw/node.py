@@ -25,7 +25,7 @@ def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     text = "run one node; what follows its name goes to the node, e.g. --help or --ros-args"
     parser = commands.add_parser("node", help=text, description=f"node: {text}.")
-    parser.add_argument("node", choices=sorted(NODES), metavar="NODE", help=f"one of {', '.join(sorted(NODES))}")
+    parser.add_argument("node", choices=sorted(NODES), metavar="NODE", help="which node")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="...", help="arguments of the node")
     parser.set_defaults(run=_run)
 

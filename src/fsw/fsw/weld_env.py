@@ -1,6 +1,6 @@
 """A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once; and a policy as a controller.
 
-Once installed, ``gymnasium.make("fsw/Weld-v0")`` finds it; in the repository, ``import fsw.weld_env`` makes it known.
+``import fsw.weld_env`` makes it known to ``gymnasium.make("fsw/Weld-v0")``.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import Env, spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from fsw import gym_plugin
 from fsw.controller import Controller
 from fsw.welds import overridden
 from fsw_control import Command, Measurement, Reference, weld
@@ -26,8 +26,6 @@ from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
 from fsw_schema.models import InputError
-
-gym_plugin.register()
 
 Array = NDArray[np.float64]
 #: What an observation holds, in this order, and by which origin and unit each number is scaled (chosen).
@@ -65,6 +63,12 @@ def command(action: Array, before: Array) -> Array:
     wanted = before + np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64).T), -1.0, 1.0) * _STEP
     limited: Array = np.minimum(np.maximum(wanted, _LOW), _HIGH)
     return limited
+
+
+if "fsw/Weld-v0" not in gymnasium.registry:
+    gymnasium.register(
+        id="fsw/Weld-v0", entry_point=f"{__name__}:WeldEnv", vector_entry_point=f"{__name__}:WeldVectorEnv"
+    )
 
 
 class _Welds:
@@ -156,7 +160,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     Examples
     --------
     >>> import gymnasium
-    >>> import fsw.weld_env  # not necessary where the package is installed
+    >>> import fsw.weld_env
     >>> env = gymnasium.make("fsw/Weld-v0", scenario="quick")
     >>> seen, info = env.reset(seed=1)
     >>> seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
