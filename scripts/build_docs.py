@@ -256,11 +256,13 @@ def command_line() -> dict[str, str]:
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     running = tuple(list(verbs)[: len(RUNNING)])  # each module adds one
     quality = ("procedure", "record")
-    studies = tuple(set(verbs) - {*running, *quality, "bag"})
+    whole = ("demo", "node", "completion")
+    studies = tuple(set(verbs) - {*running, *quality, *whole, "bag"})
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
         "command-line-studies": ("Command line: simulate, study, export", studies),
         "command-line-quality": ("Command line: procedures, records", quality),
+        "command-line-demo": ("Command line: demonstration, nodes, completion", whole),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
     pages, lines = {}, []

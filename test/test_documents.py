@@ -6,6 +6,7 @@ import importlib.util
 import io
 import re
 import shlex
+import sys
 from contextlib import redirect_stderr
 from itertools import pairwise
 from pathlib import Path
@@ -63,7 +64,7 @@ def refusal(text: str) -> str | None:
     words = shlex.split(text.replace("[", "").replace("]", ""), comments=True)
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
-            return "python3 has none of the project's modules"
+            return None if words[2] in sys.stdlib_module_names else "python3 has none of the project's modules"
         return None if importlib.util.find_spec(words[2]) else f"no module {words[2]}"
     words = words[1:] if words[0] in ("python3", ".venv/bin/python") else words
     script = WORKSPACE / ("scripts/fsw.py" if words[0] in ("fsw.py", "fsw") else words[0])
