@@ -19,4 +19,4 @@ folder = Path(tempfile.mkdtemp()) / "campaign"
 with redirect_stdout(io.StringIO()):
     main(["campaign", "model_uncertainty", "--welds", "8", "--out", str(folder)])
 welds = pyarrow.parquet.read_table(folder / "welds").to_pandas()
-welds.groupby("controller")[["iae_depth_mm_s", "iae_temperature_c_s"]].describe().T.round(2)
+welds.groupby("controller")[["iae_depth_mm_s", "iae_temperature_c_s"]].describe().T.round(2).to_string()

@@ -31,7 +31,7 @@ _COMMANDS = (
 )
 #: modules of the commands whose name is that of a function of the package
 _MODULES = {name: f"{name}_command" for name in ("simulate", "model", "identify")}
-_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
+_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 
 def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
@@ -48,7 +48,7 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
     bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
-        import_module(f"fsw.bag_{name}").add_command(bag_commands)
+        import_module(f"fsw.bag_{name.replace('-', '_')}").add_command(bag_commands)
     return whole
 
 

@@ -284,6 +284,7 @@ def identify(
     air: Weld | str | Path | None = None,
     start: ModelParameters | None = None,
     drive_lag_s: float | None = None,
+    steady: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Identified:
     """Estimate the parameters of the process model from welds of one process.
@@ -300,6 +301,8 @@ def identify(
         The paper's by default.
     drive_lag_s : float, optional
         Time constant of the drives, that of the emulator by default.
+    steady : bool
+        Take disturbances as constant: without drifts and shifts all that is slow is the process's.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
@@ -319,7 +322,7 @@ def identify(
     lag_s = specs()["actuators.lag_s"].default if drive_lag_s is None else drive_lag_s
     data = [prepare(_weld(one).signals, lag_s) for one in welds]
     checked = None if validate is None else prepare(_weld(validate).signals, lag_s)
-    return fit(data, checked, None if air is None else _weld(air), start or ModelParameters(), lag_s, progress)
+    return fit(data, checked, None if air is None else _weld(air), start or ModelParameters(), lag_s, steady, progress)
 
 
 def _weld(given: Weld | str | Path) -> Weld:
@@ -332,13 +335,15 @@ def fit(
     air: Weld | None,
     start: ModelParameters,
     drive_lag_s: float,
+    steady: bool,
     progress: Callable[[float], None] | None = None,
 ) -> Identified:
     """Estimate from prepared data; see :func:`identify`."""
     deviations: dict[str, float] = {}
     if air is not None:
         start, deviations = from_air(air.signals, start, drive_lag_s)
-    found = estimation.identify([segment for weld in welds for segment in weld.segments], start, progress)
+    segments = [segment for weld in welds for segment in weld.segments]
+    found = estimation.identify(segments, start, progress, steady)
     validation = None if checked is None else estimation.validate(checked.segments, found.parameters)
     notes = tuple(note for weld in welds for note in weld.notes)
     return Identified(", ".join(weld.name for weld in welds), found, validation, notes, deviations)
