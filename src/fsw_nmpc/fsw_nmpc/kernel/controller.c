@@ -92,9 +92,12 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {
-    const double two[9] = {t->time_s[q], t->corridor_decay[q], t->dead_band[q],   t->weight[q],   t->square[q],
-                           t->move_weight[q], t->move_square[q], t->input_min[q], t->input_max[q]};
-    for (int i = 0; i < 9; i++) add(two[i], &sum, &least);
+    const double two[11] = {t->time_s[q],      t->corridor_decay[q], t->dead_band[q], t->weight[q],
+                            t->square[q],      t->move_weight[q],    t->move_square[q], t->input_min[q],
+                            t->input_max[q],   t->knee[q],           t->window_weight[q]};
+    for (int i = 0; i < 11; i++) add(two[i], &sum, &least);
+    if (!(t->held_share >= 0.0 && t->held_share <= 1.0)) return 0;
+    if (t->knee[q] > 0.0 && (t->weight[0] > 0.0 || t->weight[1] > 0.0 || t->knee[!q] > 0.0 || !(t->square[q] > 0.0))) return 0;
     if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
     if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
   }

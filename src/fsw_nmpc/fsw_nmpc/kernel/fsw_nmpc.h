@@ -91,6 +91,10 @@ typedef struct {
   double quality_temp_c[2];    /* limits that the temperature keeps before the depth keeps its set-point */
   double weight[2];            /* L1 cost outside the dead-band, per output point; 0: none */
   double square[2];            /* quadratic cost on the deviation from the trajectory; 0: none */
+  double knee[2];              /* of the output without priority: deviation beyond which that cost goes on linearly, at
+                                  the slope it has there; 0: never. Not with an L1 cost */
+  double held_share;           /* 0 to 1: share of the bounds by which the depth waits for what the speed can compensate */
+  double window_weight[2];     /* L1 cost outside the quality limits, at the ends of the blocks; 0: none */
   double move_weight[2];       /* L1 cost of an interval's move, per kN and per rpm */
   double move_square[2];       /* quadratic, per kN^2 and per rpm^2 */
   double move_max[2], input_min[2], input_max[2];
@@ -175,10 +179,11 @@ typedef struct {
   double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
 } fsw_start;
 
-/* One tick's problem: start, and the dead-bands about the trajectories. */
+/* One tick's problem: start, the dead-bands about the trajectories, and the quality limits of both outputs. */
 typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
+  double window_low[2], window_high[2];
 } fsw_problem;
 
 typedef struct {

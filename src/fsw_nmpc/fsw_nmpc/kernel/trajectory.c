@@ -213,8 +213,10 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   if (by_force > 0.0 && t->input_min[1] > 0.0) { /* forces at which the fastest and the slowest speed give the power */
     const double by_fastest = m->operating_force_kn + (nm_rpm / t->input_max[1] - torque) / by_force;
     const double by_slowest = m->operating_force_kn + (nm_rpm / t->input_min[1] - torque) / by_force;
-    low = low > by_fastest ? low : by_fastest;
-    high = high < by_slowest ? high : by_slowest;
+    const double fastest = t->held_share * by_fastest + (1.0 - t->held_share) * low;
+    const double slowest = t->held_share * by_slowest + (1.0 - t->held_share) * high;
+    low = low > fastest ? low : fastest;
+    high = high < slowest ? high : slowest;
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
     force_rate = force_rate < followed ? force_rate : followed;
   }
@@ -333,6 +335,10 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
     corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
     c->has_corridor = 1;
   }
+  c->problem.window_low[0] = c->attainable[0] - c->tuning.quality_depth_mm;
+  c->problem.window_high[0] = c->attainable[0] + c->tuning.quality_depth_mm;
+  c->problem.window_low[1] = c->tuning.quality_temp_c[0];
+  c->problem.window_high[1] = c->tuning.quality_temp_c[1];
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {
       c->problem.low[q][i] = path[q][i] - c->tuning.dead_band[q];
