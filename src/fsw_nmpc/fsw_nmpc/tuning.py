@@ -57,6 +57,10 @@ class EstimatorTuning(Model):
     """time constant with which the two rates leak"""
     depth_gain_walk: NonNegativeFloat = 1e-4
     """of the factor on the model's gain of the depth over the force; 0: it stays 1"""
+    thermal_gain_walk: NonNegativeFloat = 0.0
+    """of the factor on the model's effect of the power on the copper; 0: it stays 1"""
+    delay_walk_s: NonNegativeFloat = 0.0
+    """of the time by which the power arrives later than after the model's dead time; 0: it stays 0"""
     jump_sigmas: NonNegativeFloat = 4.0
     """a measurement further off is a jump; 0: never"""
     drift_sigmas: NonNegativeFloat = 3.5
@@ -207,6 +211,8 @@ class Tuning(Model):
                 e.depth_rate_walk_mm_per_s,
                 e.temperature_rate_walk_c_per_s,
                 e.depth_gain_walk,
+                e.thermal_gain_walk,
+                e.delay_walk_s,
             ),
         )
         return KERNEL.new(

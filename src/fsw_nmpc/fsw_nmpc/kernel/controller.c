@@ -225,6 +225,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
+  s->thermal_gain = x[FSW_THERMAL_GAIN];
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
@@ -235,8 +236,10 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
 
 static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,     FSW_DEPTH_OFFSET,
-                                           FSW_TEMP_OFFSET, FSW_DEPTH_RATE, FSW_TEMP_RATE, FSW_DEPTH_GAIN};
+  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,
+                                           FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET, FSW_DEPTH_RATE,
+                                           FSW_TEMP_RATE,   FSW_DEPTH_GAIN,  FSW_THERMAL_GAIN,
+                                           FSW_DELAY};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];

@@ -33,11 +33,12 @@ extern "C" {
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
+  FSW_LATER = 12,                            /* ticks by which the power may arrive later than in the model */
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
-  FSW_STATES = 13,
-  FSW_ESTIMATES = 8,                         /* of fsw_nmpc_output */
+  FSW_STATES = 15,
+  FSW_ESTIMATES = 10,                        /* of fsw_nmpc_output */
   FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
 };
 
@@ -113,7 +114,9 @@ typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
   FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
-  FSW_DEPTH_GAIN                             /* factor on the model's */
+  FSW_DEPTH_GAIN,                            /* factor on the model's */
+  FSW_THERMAL_GAIN,                          /* likewise on the effect of the power on the copper */
+  FSW_DELAY                                  /* of the power beyond the model's dead time, s; not used to predict */
 } fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
@@ -161,7 +164,7 @@ typedef struct {
   double copper_c;                         /* estimate: temperature of the copper */
   double attainable[2];                    /* set-points, or what replaces those that the inputs cannot hold together */
   /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and temperature, their rates,
-   * factor on the gain of the depth */
+   * factors on the gains of the depth and of the power, delay beyond the model's dead time */
   double disturbance[FSW_ESTIMATES], deviation[FSW_ESTIMATES];
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
@@ -175,7 +178,7 @@ typedef struct {
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain;                       /* factor on the model's */
+  double depth_gain, thermal_gain;         /* factors on the model's */
   double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
 } fsw_start;
 
@@ -195,6 +198,8 @@ typedef struct {
   double blind_s[3];
   int started;
   int is_excited;                          /* whether the force has moved lately */
+  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
+  int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;

@@ -106,6 +106,9 @@ static double half_time_s(const approach *a, double size) {
   return time_s;
 }
 
+/* Gain of the settled temperature over the power. */
+static double thermal_gain(const fsw_nmpc *c) { return c->estimator.x[FSW_THERMAL_GAIN] * c->model.thermal_gain_c_per_kw; }
+
 /* Gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
   return c->estimator.x[FSW_DEPTH_GAIN] * (c->model.depth_gain[0] + c->model.depth_gain[1]);
@@ -124,7 +127,7 @@ static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const double *x = c->estimator.x, speed = (bound ? c->tuning.input_max[1] : c->tuning.input_min[1]);
   const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
   const double power = given - m->operating_power_kw + x[FSW_HEAT];
-  return m->operating_temperature_c + m->thermal_gain_c_per_kw * power + x[FSW_TEMP_OFFSET];
+  return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
 }
 
 /* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The temperature first keeps
@@ -188,7 +191,7 @@ static int targets_of(const approach *a, int q, int n_goals, const double at_s[]
 static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
-  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
+  const double heating = thermal_gain(c) / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
   const fsw_torque held = held_torque(c, depth_mm);
@@ -205,7 +208,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
-  double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT]; /* that holds */
+  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - x[FSW_HEAT]; /* that holds */
   if (!(power > LEAST_POWER_KW)) power = LEAST_POWER_KW;
   const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->input_min[0], high = t->input_max[0], force_rate = t->move_max[0] / FSW_TICK_S;
@@ -227,12 +230,12 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->acceleration = SMOOTHED * gain * force_rate;
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
-  const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
+  const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - x[FSW_HEAT];
   double rate[2];
   held_rates(c, kept, goal, rate);
   temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
   temp->top_rate = rate[1] > LEAST_RATE_C_S ? rate[1] : LEAST_RATE_C_S;
-  temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
+  temp->acceleration = thermal_gain(c) / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
 /* Rate of the depth under the inputs that act. */
@@ -256,11 +259,12 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  double copper = mode[5] * x[FSW_COPPER] + mode[8] * x[FSW_HEAT];
-  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * x[FSW_HEAT];
+  const double gain = x[FSW_THERMAL_GAIN], heat = gain * x[FSW_HEAT];
+  double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
+  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
-    copper += m->ahead_power[k] * e->history[k];
-    tool += m->ahead_power[n + k] * e->history[k];
+    copper += gain * m->ahead_power[k] * e->history[k];
+    tool += gain * m->ahead_power[n + k] * e->history[k];
   }
   const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
@@ -269,7 +273,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
     rate *= c->tuning.rate_keep;
   }
   const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
-  motion ahead = {shown + copper, rate + (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
+  motion ahead = {shown + copper, rate + (thermal_gain(c) * power - copper) / m->copper_lag_s, shown + tool};
   *copper_c = copper;
   return ahead;
 }
