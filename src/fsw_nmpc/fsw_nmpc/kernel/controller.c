@@ -219,7 +219,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
   for (int i = 0; i < 5; i++) s->x[i] = x[i];
-  for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
+  fsw_power_under_way(&c->estimator, &c->model, s->history);
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];

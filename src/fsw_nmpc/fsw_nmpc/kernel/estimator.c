@@ -227,7 +227,7 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
 
 /* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
 static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
-  const double last = m->n_history + FSW_LATER - 1.001;
+  const double last = m->n_history + FSW_LATER - 1.001; /* power that is still to come: as the newest */
   const double place = fsw_clip((m->dead_time_s + delay_s) / FSW_TICK_S - 1.0, 0.0, last);
   const int newer = (int)place;
   *by_delay = (e->power[newer + 1] - e->power[newer]) / FSW_TICK_S;
@@ -245,6 +245,19 @@ static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper
   e->a[FSW_TOOL][FSW_THERMAL_GAIN] += m->modes[9] * more;
   e->a[FSW_COPPER][FSW_DELAY] = m->modes[8] * gain * by_delay;
   e->a[FSW_TOOL][FSW_DELAY] = m->modes[9] * gain * by_delay;
+}
+
+/* The power under way as the model, with its dead time, has to see it for all of it to arrive when it does. */
+void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]) {
+  double unused;
+  const double delay_s = e->x[FSW_DELAY];
+  for (int k = 0; k < 3 * m->n_history; k++) history[k] = e->history[k];
+  if (delay_s == 0.0) return;
+  for (int k = 0; k < m->n_history; k++) {
+    const double later_s = k * FSW_TICK_S;
+    history[3 * k] = arriving(e, m, delay_s - later_s, &unused);
+    history[3 * k + 1] = history[3 * k + 2] = 0.0;
+  }
 }
 
 /* One tick of the model, as in predict.c, and of the covariance. */

@@ -263,8 +263,8 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
   double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
-    copper += gain * m->ahead_power[k] * e->history[k];
-    tool += gain * m->ahead_power[n + k] * e->history[k];
+    copper += gain * m->ahead_power[k] * c->problem.start.history[k];
+    tool += gain * m->ahead_power[n + k] * c->problem.start.history[k];
   }
   const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
@@ -293,7 +293,7 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_temp = {t->time_s[1] * (1.0 + c->estimator.x[FSW_DELAY] / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
