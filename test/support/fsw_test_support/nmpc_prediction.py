@@ -42,8 +42,8 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
     ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the
-    offsets of depth, temperature and speed, the factors on the gains of depth and power, and how far the offsets of depth and
-    temperature drift until each output point; ``history`` the power's coefficients, oldest first.
+    offsets of depth, temperature and speed, the factors on the gains of depth and power, and how far the offsets
+    of depth and temperature drift until each output point; ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)

@@ -162,7 +162,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = 0.0;
-  e->is_excited = e->heated_ticks = 0;
+  e->is_excited = e->heated_ticks = e->is_telling = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -192,7 +192,7 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
 
 /* Whether a state keeps its estimate and its variance, whatever the measurements are. */
 static int is_held(const fsw_estimator *e, int state) {
-  if (state == FSW_THERMAL_GAIN || state == FSW_DELAY) return e->heated_ticks == 0 || e->blind_s[TEMPERATURE] > 0.0;
+  if (state == FSW_THERMAL_GAIN || state == FSW_DELAY) return !e->is_telling;
   return state == FSW_DEPTH_GAIN && !e->is_excited;
 }
 
@@ -419,6 +419,8 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
  * the estimate is sound; if it is not, it has ended and must be started anew. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, in);
+  e->is_telling =
+      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
   predict(e, m, t);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;

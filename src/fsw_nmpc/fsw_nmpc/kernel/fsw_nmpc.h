@@ -200,6 +200,7 @@ typedef struct {
   int is_excited;                          /* whether the force has moved lately */
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
+  int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;

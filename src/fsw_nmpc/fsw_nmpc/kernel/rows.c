@@ -80,7 +80,8 @@ static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, con
   for (int n = 0; n < w->n_rows && w->n_soft_rows < FSW_MAX_ROWS; n++) {
     const int r = w->row[n], q = r >= m->n_out, i = q ? r - m->n_out : r;
     if (!(t->window_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
-    if (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q]) continue;
+    /* the depth on its way to another set-point is not inside the limits about it: its trajectory is kept by its cost */
+    if (!q && (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q])) continue;
     if (!is_near_limit(problem, q, planned(w, r, w->row_width[n], v))) continue;
     weight[w->n_soft_rows] = t->window_weight[q];
     w->soft_row[w->n_soft_rows++] = n;

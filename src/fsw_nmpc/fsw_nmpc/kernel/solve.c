@@ -60,10 +60,12 @@ static void sides(fsw_workspace *w) {
     e[k] = w->value[r] - w->high[r];
     e[n + k] = w->low[r] - w->value[r];
   }
-  for (int k = n - w->n_windows; k < n; k++) {
+  for (int k = n - w->n_windows; k < n; k++) { /* a trajectory beyond a quality limit, on its way back, is the limit */
     const int r = w->soft_row[k], q = r >= w->n_depth;
-    e[k] = w->value[r] + w->output[w->row[r]] - w->window_high[q];
-    e[n + k] = w->window_low[q] - w->output[w->row[r]] - w->value[r];
+    const double above = w->value[r] + w->output[w->row[r]] - w->window_high[q];
+    const double below = w->window_low[q] - w->output[w->row[r]] - w->value[r];
+    e[k] = above < e[k] ? above : e[k];
+    e[n + k] = below < e[n + k] ? below : e[n + k];
   }
   for (int k = 0; k < w->n_moves; k++) e[2 * n + k] = w->z[w->move[k]];
   for (int j = 0; j < nv; j++) {
