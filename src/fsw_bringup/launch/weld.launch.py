@@ -144,11 +144,7 @@ def weld(context: LaunchContext) -> list[Any]:
         _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
-    actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
-    if arguments["procedure"]:
-        actions.append(node("fsw_quality", "procedure", **_respawn()))
-    if arguments["hmi"] in TRUE:
-        actions.append(node("fsw_hmi", "hmi", **_respawn()))
+    actions = _beside_the_weld(node, arguments)
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))
     else:
@@ -163,6 +159,16 @@ def weld(context: LaunchContext) -> list[Any]:
     else:
         actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
+    """Nodes that record, watch and show the weld, as far as they are wanted."""
+    wanted = {
+        "recorder": ("fsw_recorder", arguments["record"] in TRUE),
+        "procedure": ("fsw_quality", bool(arguments["procedure"])),
+        "hmi": ("fsw_hmi", arguments["hmi"] in TRUE),
+    }
+    return [node(package, executable, **_respawn()) for executable, (package, on) in wanted.items() if on]
 
 
 def _respawn() -> dict[str, Any]:
