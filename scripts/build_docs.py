@@ -276,12 +276,14 @@ def command_line() -> dict[str, str]:
     nodes = ("param", "lifecycle", "hmi")
     running = tuple(one for one in list(verbs)[: len(RUNNING)] if one not in nodes)  # each module adds one
     quality = ("procedure", "record")
-    studies = tuple(set(verbs) - {*running, *nodes, *quality, "bag"})
+    whole = ("demo", "node", "completion")
+    studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
         "command-line-nodes": ("Command line: nodes and the page", nodes),
         "command-line-studies": ("Command line: simulate, study, export", studies),
         "command-line-quality": ("Command line: procedures, records", quality),
+        "command-line-demo": ("Command line: demonstration, nodes, completion", whole),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
     pages, lines = {}, []

@@ -103,6 +103,12 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "pandas",
+    "xarray",
+    "control",
+    "do_mpc",
+    "gymnasium",
+    "shtab",
 }
 
 
