@@ -256,9 +256,7 @@ class PlantNode(ManagedNode):
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
             [
-                reports.clock(
-                    _mode(self._speed, self._simulated), self._running, self._stamps.jumps, self._pace.resent
-                ),
+                reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
                 reports.commands(plant.gate, new, self._writers.names, self._writers.strange()),
