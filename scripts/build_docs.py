@@ -153,9 +153,9 @@ def meanings(model: type[Model]) -> dict[str, str]:
 
 
 def messages() -> dict[str, str]:
-    """A page of the definitions of the messages, and one of the services."""
+    """A page of the definitions of the messages, one of the services, one of the actions."""
     pages = {}
-    for kind, name in (("msg", "messages"), ("srv", "services")):
+    for kind, name in (("msg", "messages"), ("srv", "services"), ("action", "actions")):
         lines = [f"The {name} of `fsw_msgs`, with their comments. Units are SI."]
         for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
             lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]

@@ -152,6 +152,17 @@ def test_each_requirement_has_a_test_that_is_run_without_full(safety_case: Modul
     assert set(requirements) - set(safety_case.marked(full=False)) == set()
 
 
+def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
+    """A file that names the node's module, and has a test without the mark."""
+    texts = [path.read_text(encoding="utf-8") for path in safety_case.test_files()]
+    texts = [text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)]
+    texts = [text for text in texts if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)]
+    nodes = [path for path in (WORKSPACE / "src").glob("*/*/*_node.py") if "\ndef main(" in path.read_text("utf-8")]
+    assert len(nodes) >= 10
+    named = [rf"\b{path.parent.name}(\.| import (\w+, )*){path.stem}\b" for path in nodes]
+    assert [name for name in named if not any(re.search(name, text) for text in texts)] == []
+
+
 def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "test_one.py"
     path.write_text(

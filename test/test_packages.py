@@ -3,12 +3,14 @@
 import ast
 import re
 import sys
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 
+import fsw
 from fsw_control import weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ProcessModel, nominal
@@ -75,8 +77,10 @@ KEYS = {
 KNOWN = {*KEYS.values(), "python3-pytest-timeout", "ament_cmake", "ament_index_python", "ros2launch"}
 KNOWN |= {"launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
 KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py"}
-KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
-KNOWN |= {"std_srvs"}
+KNOWN |= {
+    f"{kind}_msgs" for kind in ("action", "diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")
+}
+KNOWN |= {"std_srvs", "action_msgs", "lifecycle_msgs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
@@ -258,6 +262,18 @@ def test_package_has_what_ament_looks_for(package: Path) -> None:
     assert (package / "resource" / package.name).is_file()
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
+def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None:
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    root = ElementTree.parse(package / "package.xml").getroot()
+    [maintainer], author = root.findall("maintainer"), root.find("author")
+    assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
+    assert author is not None and [{"name": author.text}] == project["authors"]
+    assert root.findtext("license") == project["license"]
+    assert root.findtext("version") == fsw.__version__
+    assert root.findtext("url") == project["urls"]["Homepage"]
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)

@@ -23,6 +23,7 @@ RUNNING = (
     "acknowledge",
     "weld",
     "params",
+    "lifecycle",
     "hmi",
 )
 _COMMANDS = (

@@ -33,3 +33,16 @@ def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervi
     assert nodes["fsw_plant"]["wait_for_subscribers"] == 5 + standby
     if standby:
         assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}
+
+
+def test_a_weld_by_a_procedure_has_its_limits_and_its_record(tmp_path):
+    scenario = parse("{name: short, duration_s: 5.0}")
+    plain = WeldGraph(scenario, tmp_path).parameter_file(tmp_path / "scenario.yaml")
+    nodes = WeldGraph(scenario, tmp_path, procedure="copper_lid").parameter_file(tmp_path / "scenario.yaml")
+    values = {name: section["ros__parameters"] for name, section in nodes.items()}
+    assert values["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
+    assert values["fsw_recorder"]["output"] == str(tmp_path / "bag")
+    assert values["fsw_recorder"]["attach"] == [values["fsw_procedure"]["procedure"]]
+    assert "fsw.main record " in values["fsw_recorder"]["on_finished"][0]
+    assert values["fsw_procedure"]["use_sim_time"] is True
+    assert "fsw_procedure" not in plain
