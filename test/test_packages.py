@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import fsw
 from fsw_control import weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ProcessModel, nominal
@@ -103,6 +104,12 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "pandas",
+    "xarray",
+    "control",
+    "do_mpc",
+    "gymnasium",
+    "shtab",
 }
 
 
@@ -257,6 +264,23 @@ def test_package_has_what_ament_looks_for(package: Path) -> None:
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
 
 
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None:
+    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_schema.entry``)."""
+    setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
+    found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', setup)
+    for module, path in found:
+        if module == "fsw_schema.entry":
+            file, function = path.rpartition(".")[::2]
+            module, path = file, function
+        else:
+            assert module in ("fsw.main", "fsw_decentral", "fsw_nmpc"), f"{module}:{path} is no node's"
+        name = module.replace(".", "/")
+        candidates = [package / f"{name}.py", package / name / "__init__.py"]
+        [source] = [one for one in candidates if one.is_file()]
+        assert re.search(rf"\b{path}\b", source.read_text(encoding="utf-8"))
+
+
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
 def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None:
     project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -264,8 +288,8 @@ def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None
     [maintainer], author = root.findall("maintainer"), root.find("author")
     assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
     assert author is not None and [{"name": author.text}] == project["authors"]
-    assert root.findtext("license") == project["license"]["text"]
-    assert root.findtext("version") == project["version"]
+    assert root.findtext("license") == project["license"]
+    assert root.findtext("version") == fsw.__version__
     assert root.findtext("url") == project["urls"]["Homepage"]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.operate import add_graph_options
+from fsw.operate import add_verbs
 
 _VERBS = {
     "list": "the managed nodes, or the transitions that a node has now",
@@ -17,16 +17,11 @@ _VERBS = {
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     text = "managed nodes (plant, gateway, recorder): list, get, set"
-    parser = commands.add_parser("lifecycle", help=text, description=f"lifecycle: {text}.")
-    verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for verb, words in _VERBS.items():
-        one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
-        options = {"nargs": "?", "default": ""} if verb == "list" else {}
+    parsers = add_verbs(commands, "lifecycle", text, _VERBS, _run)
+    for verb, one in parsers.items():
+        options: dict[str, Any] = {"nargs": "?", "default": ""} if verb == "list" else {}
         one.add_argument("node", metavar="NODE", help="name, e.g. fsw_recorder", **options)
-        if verb == "set":
-            one.add_argument("transition", metavar="TRANSITION", help="label, e.g. activate")
-        add_graph_options(one)
-        one.set_defaults(run=_run, verb=verb)
+    parsers["set"].add_argument("transition", metavar="TRANSITION", help="label, e.g. activate")
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.operate import add_graph_options
+from fsw.operate import add_verbs
 from fsw.options import add_repeated
 
 _VERBS = {
@@ -18,16 +18,9 @@ _VERBS = {
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    text = "run a weld; hold, resume or abort it"
-    parser = commands.add_parser("weld", help=text, description=f"weld: {text}.")
-    verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for verb, words in _VERBS.items():
-        one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
-        if verb == "run":
-            one.add_argument("scenario", metavar="SCENARIO", help="YAML file, or name of a shipped scenario")
-            add_repeated(one, "--set", "KEY=VALUE", "replace a value of the scenario, e.g. controller=nmpc")
-        add_graph_options(one)
-        one.set_defaults(run=_run, verb=verb)
+    one = add_verbs(commands, "weld", "run a weld; hold, resume or abort it", _VERBS, _run)["run"]
+    one.add_argument("scenario", metavar="SCENARIO", help="YAML file, or name of a shipped scenario")
+    add_repeated(one, "--set", "KEY=VALUE", "replace a value of the scenario, e.g. controller=nmpc")
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -34,13 +34,17 @@ class ManagedNode(LifecycleNode):
         self._kept: list[list[Any]] = []
 
     def start(self) -> None:
-        """Configure and activate; raises the exception by which the subclass refuses."""
+        """Configure and activate; raises the exception by which the subclass refuses, and destroys the node then."""
         self._starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             self._refusal = None
             trigger()
             if self._refusal is not None:
-                raise self._refusal
+                self.destroy_node()
+                try:
+                    raise self._refusal
+                finally:
+                    self._refusal = None  # its traceback would keep the node
         self._starting = False
 
     # to be overridden

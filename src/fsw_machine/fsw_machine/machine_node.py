@@ -36,7 +36,7 @@ try:
     from fsw_machine import certificates
     from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
-    sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
+    sys.exit(f"fsw_machine: {error.name} is missing: pip install asyncua")
 
 _CHECK_S = 0.2
 _REPORT_S = 1.0

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 
-from fsw_control.topics_ros import LATEST, STREAM
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import SupervisorState
 from fsw_msgs.srv import SetDisturbance, SetMode
@@ -35,10 +35,10 @@ class Caller(PlayerGraph):
         self.peer.create_service(SetDisturbance, "fsw/plant/set_disturbance", self.on_disturbance)
         self.states = self.peer.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
         self.reports = self.peer.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self.peer.create_subscription(Log, "/rosout", self.logs.append, STREAM)
+        self.peer.create_subscription(Log, "/rosout", self.logs.append, LATCHED)
         self.client = ActionClient(self.peer, RunWeld, "fsw/run_weld")
         self.until(self.client.server_is_ready, "the action")
-        self.until(lambda: self.peer.count_subscribers("/diagnostics") and self.peer.count_publishers("/rosout") > 1)
+        self.until(lambda: self.reports.get_subscription_count(), "the player to listen to diagnostics")
 
     def on_disturbance(self, request, response):
         self.asked.append((self.weld._tick, request.channel, round(request.amplitude, 9)))
