@@ -23,7 +23,7 @@ from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import DISPLAY, LATEST, PLAYER_READY, STREAM, sensor_publishers
+from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
@@ -107,7 +107,7 @@ class PlantNode(ManagedNode):
         # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
         # the sensors are announced last, it then has the other topics of a tick, too.
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
-        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM, qos_overriding_options=DISPLAY)
+        self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
