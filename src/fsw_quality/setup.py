@@ -8,9 +8,10 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["py.typed", "procedures/*.yaml", "templates/*.j2"]},
+    package_data={package_name: ["*.yaml", "py.typed", "procedures/*.yaml", "templates/*.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
+    entry_points={"console_scripts": ["monitor = fsw_quality.monitor_node:main"]},
 )

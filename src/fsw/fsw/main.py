@@ -23,7 +23,19 @@ RUNNING = (
     "params",
     "hmi",
 )
-_COMMANDS = (*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record")
+_COMMANDS = (
+    *RUNNING,
+    "simulate",
+    "campaign",
+    "model",
+    "canister",
+    "export",
+    "identify",
+    "tune",
+    "procedure",
+    "record",
+    "monitor",
+)
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
 
 

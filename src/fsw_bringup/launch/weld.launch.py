@@ -51,6 +51,7 @@ ARGUMENTS = {
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
     ),
+    "monitor": ("false", "Whether the monitor watches the weld and tells causes and advice"),
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
@@ -61,7 +62,7 @@ ARGUMENTS = {
 }
 TRUE, FALSE = ("true", "True"), ("false", "False")
 FLAG = [*TRUE, *FALSE]
-CHOICES = {"record": FLAG, "hmi": FLAG, "realtime": FLAG, "standby": ["", *FLAG]}
+CHOICES = {"record": FLAG, "monitor": FLAG, "hmi": FLAG, "realtime": FLAG, "standby": ["", *FLAG]}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -109,6 +110,8 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
+    watch = {"process": "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"}
+    parameters["fsw_monitor"] = {"ros__parameters": watch | ({} if speed is None else {"use_sim_time": True})}
     page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi")}
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if speed is not None:
@@ -116,6 +119,8 @@ def weld(context: LaunchContext) -> list[Any]:
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
+    if arguments["monitor"] in TRUE:
+        actions.append(node("fsw_quality", "monitor", **_respawn()))
     if arguments["hmi"] in TRUE:
         actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
