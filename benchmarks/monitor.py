@@ -56,6 +56,8 @@ FLOORS = {
     "lag": 0.25,
 }  # fmt: skip
 MARGIN = 1.25
+#: welds that judge false alarms, and those of each fault; fewer on a canister, whose welds take longer
+WITHOUT_FAULT, FAULT_SEEDS = {"paper": 100, "canister": 30}, (2001, 2003)
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
@@ -252,7 +254,7 @@ def run(wanted, limits, folder):
         kept = {one["key"]: one for one in map(json.loads, kept_in.read_text(encoding="utf-8").splitlines())}
     missing = [one for one in wanted if key(*one, limits[one[0]]) not in kept]
     workers = max(1, min(2, os.cpu_count() or 1))
-    with ProcessPoolExecutor(workers, initializer=os.nice, initargs=(5,)) as pool, kept_in.open("a") as file:
+    with ProcessPoolExecutor(workers, initializer=os.nice, initargs=(1,)) as pool, kept_in.open("a") as file:
         tasks = [(one, pool.submit(weld, *one, limits[one[0]])) for one in missing]
         for done, (one, task) in enumerate(tasks, 1):
             row = task.result() | {"key": key(*one, limits[one[0]])}
@@ -335,8 +337,9 @@ def main():
     if chosen.tune:
         tune(chosen.folder, range(1, 4 if quick else 31))
     limits = {name: one.model_dump() for name, one in load_limits().items()}
-    false_seeds, fault_seeds = range(1000, 1003 if quick else 1100), (2001,) if quick else (2001, 2002, 2003, 2005)
-    wanted = [(process, "none", seed) for process in PROCESSES for seed in false_seeds]
+    without = dict.fromkeys(PROCESSES, 3) if quick else WITHOUT_FAULT
+    fault_seeds = (2001,) if quick else FAULT_SEEDS
+    wanted = [(process, "none", seed) for process in PROCESSES for seed in range(1000, 1000 + without[process])]
     wanted += [(process, case, seed) for process in PROCESSES for case in CASES for seed in fault_seeds]
     rows = run(wanted, limits, chosen.folder)
     figures = {"cost_mean_ms": float(np.median([row["step_ms"]["mean"] for row in rows]))}

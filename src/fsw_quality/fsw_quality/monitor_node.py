@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Sequence
 from math import nan
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -40,8 +41,8 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     node subscribes to the sensors only while it hears the drives.
     """
 
-    def __init__(self) -> None:
-        super().__init__("fsw_monitor")
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_monitor", **arguments)
         self._settings = declare(self, "fsw_quality", "monitor.yaml")
         self._process, model = self._settings["process"], self._settings["model_file"]
         self._limits = load_limits()[self._process].limits

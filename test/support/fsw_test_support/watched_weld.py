@@ -32,10 +32,9 @@ def samples(seconds: float = 300.0, excited: bool = True, **factors: float) -> l
     depth = shown["depth_mm"] + 0.002 * random.standard_normal(n)
     torque = shown["motor_torque_nm"] + 2.0 * random.standard_normal(n)
     temperature = shown["temperature_c"] + 0.1 * random.standard_normal(n)
-    return [
-        Sample(0.1 * (k + 1), *values, reference_depth_mm=2.66, reference_temperature_c=816.4, source="decentral")
-        for k, values in enumerate(zip(depth, torque, temperature, acting, turning, acting, turning, strict=True))
-    ]
+    columns = (depth, torque, temperature, acting, turning, acting, turning)
+    rows = zip(*(one.tolist() for one in columns), strict=True)
+    return [Sample(*(0.1 * (k + 1), *row, 2.66, 816.4, "decentral")) for k, row in enumerate(rows)]
 
 
 def drifting(weld: list[Sample], name: str, per_s: float, from_s: float = 120.0) -> Iterator[Sample]:
