@@ -8,6 +8,7 @@ from _bootstrap import start
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
+    extras += ["history"] if sys.argv[1:2] == ["history"] else []
     extras += ["quality"] if sys.argv[1:2] == ["record"] else []
     extras += ["canister"] if any("canister" in argument for argument in sys.argv[1:]) else []
     start("fsw.main", extras)

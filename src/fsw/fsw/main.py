@@ -35,6 +35,7 @@ _COMMANDS = (
     "procedure",
     "record",
     "monitor",
+    "history",
 )
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
 
