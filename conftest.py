@@ -3,6 +3,9 @@
 Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one takes. And what the
 tests of a file leave in the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
 So do nodes whose start was refused: they are in their ROS domain until the garbage collector finds them.
+
+Linear algebra has one thread, here and in the processes that tests start: several tests run at a time, and threads of
+OpenBLAS that have no core to themselves spin.
 """
 
 import gc
@@ -12,6 +15,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before the first import of numpy, in test files
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("project", _PATIENT)
 settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py --full

@@ -43,8 +43,10 @@ from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_quality.attestation import Attestation
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
+from fsw_recorder.manifest import Manifest
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
@@ -234,6 +236,21 @@ def procedures() -> dict[str, str]:
     return {"procedures": page("Procedure files", *lines)}
 
 
+def evidence() -> dict[str, str]:
+    """A page of the keys of manifests and attestations."""
+    lines = [
+        "What they are for: [Evidence](../how-to/evidence.md). The same as JSON Schemas: "
+        "[manifest.schema.json](manifest.schema.json), [attestation.schema.json](attestation.schema.json).",
+        "",
+        "## manifest.json",
+        *model_tables(Manifest, "###"),
+        "",
+        "## attestation.json",
+        *model_tables(Attestation, "###"),
+    ]
+    return {"evidence": page("Evidence files", *lines)}
+
+
 def json_schemas() -> dict[str, str]:
     """A JSON Schema of each kind of file that users write, for editors."""
     kinds: dict[str, type[Model]] = {
@@ -242,6 +259,8 @@ def json_schemas() -> dict[str, str]:
         "machine": MachineFile,
         "procedure": Procedure,
         "record": Record,
+        "manifest": Manifest,
+        "attestation": Attestation,
         "model": ModelParameters,
         "tuning": Tuning,
     }
@@ -387,7 +406,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 
 def reference() -> dict[str, str]:
     """The generated files of the reference, by name."""
-    pages = {**parameters(), **messages(), **scenarios(), **procedures(), **command_line()}
+    pages = {**parameters(), **messages(), **scenarios(), **procedures(), **evidence(), **command_line()}
     return {f"{name}.md": text for name, text in pages.items()} | json_schemas()
 
 

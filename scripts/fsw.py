@@ -5,10 +5,14 @@ import sys
 
 from _bootstrap import start
 
+#: verbs of bag and procedure that sign or verify
+SIGNING = ("keygen", "attest", "verify-evidence", "sign", "check")
+
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
     extras += ["history"] if sys.argv[1:2] == ["history"] else []
-    extras += ["quality"] if sys.argv[1:2] == ["record"] else []
+    signing = sys.argv[1:2] in (["bag"], ["procedure"]) and sys.argv[2:3] and sys.argv[2] in SIGNING
+    extras += ["quality"] if sys.argv[1:2] == ["record"] or signing else []
     extras += ["canister"] if any("canister" in argument for argument in sys.argv[1:]) else []
     start("fsw.main", extras)

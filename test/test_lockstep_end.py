@@ -20,6 +20,7 @@ from fsw_msgs.msg import WeldReference
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import load
+from fsw_scenario.scenario_node import main as play
 from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -152,18 +153,25 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
         assert "playing" not in second.text()
 
 
+def test_player_without_its_scenario(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
+        player = launcher.start("player", "fsw_scenario.scenario_node", ["nothing_there"])
+        player.process.wait(PATIENCE_S)
+        assert player.process.returncode == 2
+        assert "cannot read scenario nothing_there" in player.text()
+        assert player.text().count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing_there"], "cannot read scenario nothing_there"),
         (["quick", "--ros-args", "-p", "silence_timeout_s:=0.0"], "silence_timeout_s"),
         (["quick", "surplus"], "unknown arguments surplus"),
     ],
 )
-def test_player_with_bad_input(arguments, words, tmp_path):
-    with free_domain() as domain, Launcher(tmp_path, domain, PATIENCE_S) as launcher:
-        player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
-        player.process.wait(PATIENCE_S)
-        assert player.process.returncode == 2
-        assert words in player.text()
-        assert player.text().count("\n") == 1
+def test_player_with_bad_arguments(arguments, words, monkeypatch, capfd):
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        assert play(["player", *arguments]) == 2
+    told = "".join(capfd.readouterr())
+    assert words in told and told.count("\n") == 1

@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
-    "fsw_recorder": {"fsw_control"},
+    "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
     "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model", "fsw_recorder", "fsw_msgs"},
@@ -35,9 +35,12 @@ MAY_IMPORT = {
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_quality", "fsw_msgs"),
     },
-    "fsw_export": {"fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
+    "fsw_export": {
+        *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
+        "fsw_scenario",
+    },
     "fsw_campaign": {
         *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
     },
@@ -47,7 +50,7 @@ MAY_IMPORT = {
         *("fsw_campaign", "fsw_quality"),
         *("fsw_msgs", "fsw_hmi"),  # of fsw_hmi: its named users
     },
-    "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
+    "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario", "fsw_quality"},
 }
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {

@@ -1,4 +1,4 @@
-"""The command of the study: welds on random canisters, the numbers of the validation, and the page of both."""
+"""The command of the study: welds on random canisters, the numbers of the validation, and the pages of both."""
 
 from __future__ import annotations
 
@@ -6,18 +6,24 @@ import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from canister import report, verdict
+from canister.properties import properties
 from canister.validation import validation
 from fsw.progress import ProgressBar
+from fsw_schema.models import InputError
 
+#: of the whole weld
+_WHOLE_MINUTES = 45.0
+_PARTS = {"validation.json": "validate", "properties.json": "properties"}
 _RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     parser = argparse.ArgumentParser(description="Weld random canisters, and write the page of results.")
-    parser.add_argument("part", choices=["weld", "validate", "page"], help="what to do")
+    parser.add_argument("part", choices=["weld", "validate", "properties", "page"], help="what to do")
     parser.add_argument(
         "--out", type=Path, default=Path("out/canister"), help="folder of the results (default %(default)s)"
     )
@@ -26,22 +32,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--controller", action="append", default=[], help="with these only (default: all of the campaign)"
     )
-    parser.add_argument("--minutes", type=float, default=1e6, help="begin no more welds after so long")
+    parser.add_argument(
+        "--minutes",
+        type=float,
+        default=1e6,
+        help="weld: begin no more welds after so long; properties: of welding (45)",
+    )
+    coarse = "validate: elements of 12 mm and 64 modes for the comparison with all finite elements"
+    parser.add_argument("--coarse", action="store_true", help=coarse)
     parser.add_argument("--publish", action="store_true", help="write the page into docs/results")
     parsed = parser.parse_args(arguments)
     parsed.out.mkdir(parents=True, exist_ok=True)
-    numbers = parsed.out / "validation.json"
+    numbers, copper = parsed.out / "validation.json", parsed.out / "properties.json"
     if parsed.part == "weld":
         first, every = map(int, parsed.share.split("/"))
         welds = range(first, parsed.welds, every)
         verdict.run(parsed.out / f"welds_{first}.jsonl", welds, parsed.minutes, parsed.controller)
     elif parsed.part == "validate":
         with ProgressBar("validation") as bar:
-            numbers.write_text(json.dumps(validation(bar), indent=1) + "\n", encoding="utf-8")
+            numbers.write_text(json.dumps(validation(bar, parsed.coarse), indent=1) + "\n", encoding="utf-8")
+    elif parsed.part == "properties":
+        with ProgressBar("k(T), c(T)") as bar:
+            found = properties(min(parsed.minutes, _WHOLE_MINUTES), bar)
+        copper.write_text(json.dumps(found) + "\n", encoding="utf-8")
     else:
         rows = verdict.read(sorted(parsed.out.glob("*.jsonl")))
-        found = json.loads(numbers.read_text(encoding="utf-8"))
-        data = {"validation": found, "verdict": report.summary(rows)}
+        data = {"validation": _made(numbers), "properties": _made(copper), "verdict": report.summary(rows)}
         for path in report.write(data, _RESULTS if parsed.publish else parsed.out):
             print(path)
     return 0
+
+
+def _made(file: Path) -> Any:
+    """What an earlier part of the study has written."""
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise InputError(f"{file}: not there or damaged; run the part {_PARTS[file.name]} first") from None

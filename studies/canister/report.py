@@ -14,7 +14,8 @@ from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
 from fsw_analysis.figure_style import COLOURS, STYLE, colours_of
 from fsw_model import nominal
 
-CONTROLLERS = ("nmpc:default", "nmpc:paper", "decentral:conservative", "decentral:tight")
+PI = ("decentral:conservative", "decentral:tight")
+CONTROLLERS = ("nmpc:default", "nmpc:paper", *PI, "decentral:smith")
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
 #: published or plain words for the columns of the page
 _FIGURES = {
@@ -33,6 +34,8 @@ _LONG_S = 60.0
 _LONGER_S = 30.0
 #: shortest phase whose name has room in the figure
 _NAMED_S = 50.0
+#: minutes of the weld in the table of the copper's properties
+_COPPER_MIN = (5.0, 10.0, 20.0, 40.0)
 _SMALL: dict[str, Any] = {"fontsize": 7.0, "color": "dimgray"}
 #: in the figure of the steps, what is no canister
 _LINES: dict[str, dict[str, Any]] = {
@@ -107,9 +110,19 @@ def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     for phase, of in verdict["phases"].items():
         rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in CONTROLLERS)])
     welds = [verdict["welds"][c] for c in CONTROLLERS]
-    rows.append(["**all phases**", *(f"{one['good']} of {one['welds']}" for one in welds)])
-    rows.append([f"all, with {_LONGER_S:g} s", *(f"{one['nearly']} of {one['welds']}" for one in welds)])
+    rows.append(["**all phases**", *(_counted(one["good"], one["welds"]) for one in welds)])
+    rows.append([f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)])
     return rows
+
+
+def _counted(good: int, welds: int) -> str:
+    """A share as a count, and its Wilson interval of 95 %."""
+    from scipy.stats import binomtest
+
+    if not welds:
+        return "-"
+    interval = binomtest(good, welds).proportion_ci(0.95, method="wilson")
+    return f"{good} of {welds}, {100 * interval.low:.0f} to {100 * interval.high:.0f} %"
 
 
 def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
@@ -133,7 +146,7 @@ def best_of(verdict: Mapping[str, Any], name: str, controller: str) -> str:
 def against(verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]) -> str:
     """A figure of a controller as shares of those of the PI tunings, in words."""
     of = verdict["phases"][phase]
-    shares = sorted(of[controller][name] / of[one][name] for one in of if one.startswith("decentral") and of[one][name])
+    shares = sorted(of[controller][name] / of[one][name] for one in PI if one in of and of[one][name])
     return " to ".join(f"{100.0 * share:.0f} %" for share in (shares[0], shares[-1])) if shares else "-"
 
 
@@ -153,7 +166,12 @@ def identified(found: Mapping[str, Any]) -> list[list[str]]:
     names = ("gain [°C/kW]", "copper's lag [s]", "tool's lag [s]", "dead time [s]")
     rows = [["`identify` on", *names], ["paper (16)", *(f"{getattr(nominal(), name):g}" for name in THERMAL)]]
     for words, of in found.items():
-        rows.append([words, *(f"{of[name][0]:.2f} ± {1.96 * of[name][1]:.2f}" for name in THERMAL)])
+        rows.append(
+            [
+                words,
+                *(f"{of[name][0]:.2f}" + (f" ± {1.96 * of[name][1]:.2f}" if of[name][1] else "") for name in THERMAL),
+            ]
+        )
     return rows
 
 
@@ -161,6 +179,37 @@ def responses(found: Mapping[str, Any]) -> list[list[str]]:
     """Step responses at some times."""
     rows = [["rise after 1 kW more [°C]", *(f"{t:g} s" for t in STEP_TIMES_S)]]
     return rows + [[name, *(f"{of['rise_c'][f'{t:g}']:.2f}" for t in STEP_TIMES_S)] for name, of in found.items()]
+
+
+def compacts(found: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Largest difference of the plant's model from the decoupled one, by number of states and traverse speed."""
+    rows = [["states (tolerance)", *(f"{speed} mm/min [°C]" for speed in found[0]["largest_c"])]]
+    for one in found:
+        words = f"{one['states']} ({one['tolerance_k']:g} K)"
+        rows.append([words, *(f"{value:.2f}" for value in one["largest_c"].values())])
+    return rows
+
+
+def coppers(found: Mapping[str, Any]) -> list[list[str]]:
+    """The stir zone with copper as it is, and what the two linear models are off by, at some moments."""
+    time_s, phase = np.array(found["at_s"]), np.array(found["phase"])
+    moments = [
+        (f"end of the {name.replace('_', ' ')}", np.flatnonzero(phase == name)[-1]) for name in ("dwell", "downward")
+    ]
+    moments += [(f"{m:g} min", np.searchsorted(time_s, 60.0 * m)) for m in _COPPER_MIN if 60.0 * m <= time_s[-1]]
+    real, *linear = (np.array(found["stir_zone_c"][name]) for name in ("real", "kirchhoff", "constant"))
+    rows = [["stir zone [°C]", *(words for words, _ in moments)]]
+    rows.append(["k(T), c(T), radiation as it is", *(f"{real[at]:.0f}" for _, at in moments)])
+    for words, values in zip(("k(T) by the transform, one k/c", "constant k and c"), linear, strict=True):
+        rows.append([f"{words}: less that", *(f"{(values - real)[at]:+.1f}" for _, at in moments)])
+    return rows
+
+
+def worst_copper(found: Mapping[str, Any], model: str, phase: str) -> list[float]:
+    """Lowest and highest error of a linear model in a phase."""
+    inside = np.array(found["phase"]) == phase
+    wrong = np.subtract(found["stir_zone_c"][model], found["stir_zone_c"]["real"])[inside]
+    return [float(wrong.min()), float(wrong.max())]
 
 
 def differences(reduced: Mapping[str, Any]) -> list[list[str]]:
@@ -178,14 +227,14 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
 
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
-    """Steps, the needed power over the weld, the error of the reduction, and the verdict by phase."""
+    """Steps, the needed power over the weld, and the error of the reduction."""
     import matplotlib
     from matplotlib.figure import Figure
 
     validation = data["validation"]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 11.5), layout="constrained")
-        steps, power, wrong, verdict = figure.subplots(4, 1, height_ratios=(1.3, 1.0, 0.7, 1.0))
+        figure = Figure(figsize=(9.0, 8.5), layout="constrained")
+        steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
         _draw_steps(steps, validation["steps"])
         weld, reduced = validation["weld"], validation["reduced"]
         power.plot(np.arange(len(weld["minutes_kw"])) + 0.5, weld["minutes_kw"], "k.-")
@@ -204,7 +253,17 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
                 power.annotate(
                     name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
                 )
-        _draw_shares(verdict, data["verdict"]["phases"])
+        figure.savefig(path)
+
+
+def draw_shares(data: Mapping[str, Any], path: Path) -> None:
+    """The verdict by phase."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+        _draw_shares(figure.subplots(), data["verdict"]["phases"])
         figure.savefig(path)
 
 
@@ -220,10 +279,10 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
 
 
 def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
-    width = 0.2
+    width = 0.8 / len(CONTROLLERS)
     for i, (controller, colour) in enumerate(zip(CONTROLLERS, colours_of(CONTROLLERS), strict=True)):
         shares = [100.0 * of[controller]["share_good"] if controller in of else np.nan for of in phases.values()]
-        places = np.arange(len(phases)) + (i - 1.5) * width
+        places = np.arange(len(phases)) + (i - 0.5 * (len(CONTROLLERS) - 1)) * width
         axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
         for place, share in zip(places, shares, strict=True):
             if np.isfinite(share):
@@ -231,21 +290,23 @@ def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
     axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
     axis.set(ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits")
     axis.grid(axis="x", visible=False)
-    axis.legend(fontsize=8, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    axis.legend(fontsize=8, ncols=len(CONTROLLERS), loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
-    """The two pages with their figure."""
-    figure = folder / "canister.png"
-    draw(data, figure)
+    """The page of the plant and, where canisters were welded, that of the verdict; each with its figure."""
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
     functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
-    pages = []
-    for name in ("canister.md", "canister-verdict.md"):
-        text = environment.get_template(f"{name}.j2").render(
+    functions += [coppers, compacts, worst_copper]
+    pictures = {"canister": draw, **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {})}
+    written = []
+    for name, picture in pictures.items():
+        text = environment.get_template(f"{name}.md.j2").render(
             **data, limits=limits, **{one.__name__: one for one in functions}
         )
-        pages.append(folder / name)
-        pages[-1].write_text(text.rstrip("\n") + "\n", encoding="utf-8")
-    return [*pages, figure]
+        page, figure = folder / f"{name}.md", folder / f"{name}.png"
+        page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+        picture(data, figure)
+        written += [page, figure]
+    return written

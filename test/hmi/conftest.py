@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from fsw_hmi import npm
 from fsw_test_support.browser import CHROMIUM, chromium
 from fsw_test_support.fake_hmi import FakeHmi, sample_bag
-from fsw_test_support.uplot import uplot
+from fsw_test_support.trends_library import uplot
 
 __all__ = ["uplot"]
 

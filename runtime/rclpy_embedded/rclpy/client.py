@@ -1,15 +1,13 @@
 """Service clients."""
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.context import Context
 from rclpy.impl.endpoint import RequestId, ServiceEndpoint, matched_ids
 from rclpy.task import Future
-
-_POLL_S = 0.01
+from rclpy.utilities import wait_until
 
 
 class Client(ServiceEndpoint):
@@ -31,11 +29,9 @@ class Client(ServiceEndpoint):
         Not for use in callbacks: there it blocks the executor, which then never receives the response.
         """
         future = self.call_async(request)
-        event = threading.Event()
-        future.add_done_callback(lambda _: event.set())
-        if not future.done() and not event.wait(timeout_sec):
-            self.remove_pending_request(future)
-        return future.result()
+        response = future._wait(timeout_sec)
+        self.remove_pending_request(future)
+        return response
 
     def call_async(self, request: Any) -> Future:
         """Send a request; the returned future completes with the response."""
@@ -89,9 +85,4 @@ class Client(ServiceEndpoint):
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""
-        deadline = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        while not self.service_is_ready():
-            if deadline is not None and time.monotonic() >= deadline:
-                return False
-            time.sleep(_POLL_S)
-        return True
+        return wait_until(self.service_is_ready, timeout_sec)

@@ -1,6 +1,5 @@
 """The graph queries of a node."""
 
-import time
 from collections.abc import Callable
 
 from rclpy.context import Context
@@ -17,6 +16,7 @@ from rclpy.impl.graph import (
 from rclpy.names import expand_topic_name, validate_full_topic_name
 from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
 from rclpy.type_hash import TypeHash
+from rclpy.utilities import wait_until
 
 
 class NodeGraph:
@@ -138,9 +138,4 @@ class NodeGraph:
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait up to `timeout` seconds for a node; return whether it is there."""
         name = "/" + fully_qualified_node_name.lstrip("/")
-        end = time.monotonic() + timeout
-        while name not in self.get_fully_qualified_node_names():
-            if time.monotonic() >= end:
-                return False
-            time.sleep(min(0.05, timeout))
-        return True
+        return wait_until(lambda: name in self.get_fully_qualified_node_names(), timeout)

@@ -1,6 +1,5 @@
 """Access to the parameters of another node."""
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ from rclpy.parameter_service import SERVICES, service_type
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
 from rclpy.subscription import Subscription
 from rclpy.task import Future
+from rclpy.utilities import wait_until
 
 Callback = Callable[[Future], None]
 Parameters = Sequence[Parameter | msg.Parameter]
@@ -39,11 +39,7 @@ class AsyncParameterClient:
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until all six services are there (None: without a limit) and return whether they are."""
-        deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
-        return all(
-            client.wait_for_service(None if deadline is None else max(0.0, deadline - time.monotonic()))
-            for client in self._clients.values()
-        )
+        return wait_until(self.services_are_ready, timeout_sec)
 
     def _call(self, service: str, callback: Callback | None, **fields: Any) -> Future:
         future: Future = self._clients[service].call_async(service_type(service).Request(**fields))

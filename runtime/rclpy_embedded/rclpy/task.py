@@ -106,6 +106,13 @@ class Future:
                 return
         waker()
 
+    def _wait(self, timeout_sec: float | None = None) -> Any:
+        """Wait in this thread until it is done, and return its result; None if it is not done in time."""
+        event = threading.Event()
+        self._add_waker(event.set)
+        event.wait(timeout_sec)
+        return self.result()
+
     def add_done_callback(self, callback: Callable[[Future], Any]) -> None:
         """Call `callback` with this future when it is done; at once if it is done already."""
         with self._lock:

@@ -1,6 +1,7 @@
 """Helpers around the default context and the command line."""
 
 import inspect
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -8,6 +9,9 @@ from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context, context_or_default
 from rclpy.context import get_default_context as get_default_context
+
+# How often it is looked whether something is there that no event tells of.
+_POLL_S = 0.01
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
@@ -43,6 +47,19 @@ def get_available_rmw_implementations() -> set[str]:
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
     """Convert seconds to nanoseconds; None and negative values mean no limit, which is -1."""
     return -1 if timeout_sec is None or timeout_sec < 0 else int(float(timeout_sec) * S_TO_NS)
+
+
+def wait_until(condition: Callable[[], Any], timeout_sec: float | None, context: Context | None = None) -> bool:
+    """Wait in this thread until a condition is true; return whether it is.
+
+    Without a timeout there is no limit, and a negative one means 0; the shutdown of the `context` ends the wait.
+    """
+    end = None if timeout_sec is None else time.monotonic() + timeout_sec
+    while not condition():
+        if (context is not None and not context.ok()) or (end is not None and time.monotonic() >= end):
+            return False
+        time.sleep(_POLL_S)
+    return True
 
 
 def takes(callback: Callable[..., Any], arguments: int) -> bool:

@@ -25,11 +25,33 @@ def structure(type_name: str) -> d.Structure:
     Raises d.UnknownInterfaceError if there is none and d.InvalidInterfaceError if it is wrong.
     """
     kind = split_name(type_name)[1]
+    return interface(_PARTS[kind].sub("", type_name) if kind in _PARTS else type_name)[type_name]
+
+
+def interface(type_name: str) -> dict[str, d.Structure]:
+    """Return all that a definition defines, by name: a message, or a service or an action and its parts."""
+    kind = split_name(type_name)[1]
     if kind == "msg":
         path = _find(type_name)
-        return parse_structure(_read(path), type_name, path)
-    whole = _PARTS[kind].sub("", type_name)
-    return (_service if kind == "srv" else _action)(whole)[type_name]
+        return {type_name: parse_structure(_read(path), type_name, path)}
+    return (_service if kind == "srv" else _action)(type_name)
+
+
+def attributes(type_name: str) -> dict[str, str]:
+    """Return the classes that the class of a service or an action has as attributes, as names of interfaces."""
+    parts = ("Request", "Response", "Event") if role(type_name) == "service" else ("Goal", "Result", "Feedback")
+    return {part: f"{type_name}_{part}" for part in parts}
+
+
+def implementation(type_name: str) -> dict[str, str]:
+    """Return what the attribute ``Impl`` of an action's class has as attributes, as names of interfaces."""
+    return {
+        "SendGoalService": f"{type_name}_SendGoal",
+        "GetResultService": f"{type_name}_GetResult",
+        "CancelGoalService": "action_msgs/srv/CancelGoal",
+        "FeedbackMessage": f"{type_name}_FeedbackMessage",
+        "GoalStatusMessage": "action_msgs/msg/GoalStatusArray",
+    }
 
 
 def _made_of(type_name: str, **parts: str) -> d.Structure:

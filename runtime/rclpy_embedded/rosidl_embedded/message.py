@@ -9,7 +9,6 @@ or ``check_fields=False`` at construction turn this off.
 import copy
 import math
 from array import array
-from collections.abc import Callable
 from operator import attrgetter
 from threading import RLock
 from typing import Any, NoReturn, cast
@@ -51,7 +50,8 @@ def get_interface(type_name: str, role: str = "") -> Any:
                 raise d.InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
             _pending.append(full_name)
             try:
-                _classes[full_name] = _MAKERS[found](catalogue.structure(full_name))
+                make = _make_message if found == "message" else _make_whole
+                _classes[full_name] = make(catalogue.structure(full_name))
             finally:
                 _pending.pop()
         return _classes[full_name]
@@ -78,30 +78,22 @@ def _refuse(self: object) -> NoReturn:
     raise NotImplementedError(f"{'Action' if hasattr(self, 'Impl') else 'Service'} classes can not be instantiated")
 
 
-def _make_service(definition: d.Structure) -> type:
-    package, kind, name = definition.type_name.split("/")
-    # The event, which only service introspection uses, is made when it is asked for.
-    event = property(lambda cls: get_message(f"{definition.type_name}_Event"))
+def _make_whole(definition: d.Structure) -> type:
+    """Make the class of a service or an action."""
+    type_name = definition.type_name
+    package, kind, name = type_name.split("/")
     module = {"__module__": f"{package}.{kind}"}
-    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, "Event": event, **module})
-    members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Request", "Response")}
+    properties: dict[str, Any] = {"_TYPE_NAME": type_name, **module}
+    attributes = catalogue.attributes(type_name)
+    if event := attributes.pop("Event", None):
+        # Only service introspection uses it, so it is made when it is asked for.
+        properties["Event"] = property(lambda cls: get_message(event))
+    members: dict[str, Any] = {key: get_message(value) for key, value in attributes.items()}
+    if catalogue.role(type_name) == "action":
+        impl = {key: get_interface(value) for key, value in catalogue.implementation(type_name).items()}
+        members["Impl"] = type("Impl", (), {**impl, **module})
+    metaclass = type(f"Metaclass_{name}", (type,), properties)
     return cast(type, metaclass(name, (), {"__init__": _refuse, **members, **module}))
-
-
-def _make_action(definition: d.Structure) -> type:
-    package, kind, name = definition.type_name.split("/")
-    module = {"__module__": f"{package}.{kind}"}
-    services = {f"{part}Service": get_service(f"{definition.type_name}_{part}") for part in ("SendGoal", "GetResult")}
-    impl = {
-        **services,
-        "CancelGoalService": get_service("action_msgs/srv/CancelGoal"),
-        "FeedbackMessage": get_message(f"{definition.type_name}_FeedbackMessage"),
-        "GoalStatusMessage": get_message("action_msgs/msg/GoalStatusArray"),
-        **module,
-    }
-    members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Goal", "Result", "Feedback")}
-    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, **module})
-    return cast(type, metaclass(name, (), {"__init__": _refuse, "Impl": type("Impl", (), impl), **members, **module}))
 
 
 class _Message:
@@ -149,13 +141,6 @@ def _make_message(definition: d.Structure) -> type:
     properties = {key: _read_only(value) for key, value in values.items()}
     metaclass = type(f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, **module})
     return cast(type, metaclass(name, (_Message,), {**values, **members, **module}))
-
-
-_MAKERS: dict[str, Callable[[d.Structure], type]] = {
-    "message": _make_message,
-    "service": _make_service,
-    "action": _make_action,
-}
 
 
 def _read_only(value: Any) -> property:

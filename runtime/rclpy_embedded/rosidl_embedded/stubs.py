@@ -22,50 +22,37 @@ from typing import Any, ClassVar, TypeAlias
 
 from numpy.typing import NDArray
 """
-#: What the names of the structures of a definition end with.
-_PARTS = {
-    "msg": ("",),
-    "srv": ("_Request", "_Response", "_Event"),
-    "action": (
-        *("_Goal", "_Result", "_Feedback", "_FeedbackMessage"),
-        *(f"_{service}_{part}" for service in ("SendGoal", "GetResult") for part in ("Request", "Response", "Event")),
-    ),
-}
-_IMPL = {
-    "SendGoalService": "{}_SendGoal",
-    "GetResultService": "{}_GetResult",
-    "FeedbackMessage": "{}_FeedbackMessage",
-    "CancelGoalService": "action_msgs.srv.CancelGoal",
-    "GoalStatusMessage": "action_msgs.msg.GoalStatusArray",
-}
 
 
 def stub_text(package: str, kind: str) -> str:
     """Text of the stub of a module: `kind` is ``msg``, ``srv`` or ``action``."""
     lines: list[str] = []
-    imported: set[str] = set()
-    for name in sorted(search.definitions(package, kind)):
-        type_name = f"{package}/{kind}/{name}"
-        for part in _PARTS[kind]:
-            structure = catalogue.structure(f"{type_name}{part}")
-            lines += ["", *_class_lines(structure)]
+    names = sorted(search.definitions(package, kind))
+    imported = {"action_msgs.msg", "action_msgs.srv"} if names and kind == "action" else set()
+    for name in names:
+        for type_name, structure in catalogue.interface(f"{package}/{kind}/{name}").items():
+            is_message = catalogue.role(type_name) == "message"
+            lines += ["", *(_class_lines(structure) if is_message else _whole_lines(type_name))]
             imported |= {reference.rpartition("/")[0].replace("/", ".") for reference in structure.references()}
-        if kind == "srv":
-            lines += ["", *_service_lines(name)]
-        elif kind == "action":
-            lines += ["", *_service_lines(f"{name}_SendGoal"), "", *_service_lines(f"{name}_GetResult")]
-            lines += ["", f"class {name}:"]
-            lines += [f"    {part}: TypeAlias = {name}_{part}" for part in ("Goal", "Result", "Feedback")]
-            lines += ["    class Impl:"]
-            lines += [f"        {key}: TypeAlias = {value.format(name)}" for key, value in _IMPL.items()]
-            imported |= {"action_msgs.msg", "action_msgs.srv"}
     modules = sorted(imported - {f"{package}.{kind}"})
     return "\n".join([_HEADER, *(f"import {module}" for module in modules), *lines, ""])
 
 
-def _service_lines(name: str) -> list[str]:
-    parts = (part[1:] for part in _PARTS["srv"])
-    return [f"class {name}:", *(f"    {part}: TypeAlias = {name}_{part}" for part in parts)]
+def _python_name(type_name: str, owner: str) -> str:
+    """What the class of an interface is called in the stub of its `owner`."""
+    module, _, name = type_name.rpartition("/")
+    return name if owner.startswith(f"{module}/") else type_name.replace("/", ".")
+
+
+def _whole_lines(type_name: str) -> Iterator[str]:
+    """Return the lines of the class of a service or an action."""
+    yield f"class {type_name.rpartition('/')[2]}:"
+    for key, value in catalogue.attributes(type_name).items():
+        yield f"    {key}: TypeAlias = {_python_name(value, type_name)}"
+    if catalogue.role(type_name) == "action":
+        yield "    class Impl:"
+        for key, value in catalogue.implementation(type_name).items():
+            yield f"        {key}: TypeAlias = {_python_name(value, type_name)}"
 
 
 def _class_lines(structure: d.Structure) -> Iterator[str]:
@@ -98,8 +85,7 @@ def _annotations(type_: d.AbstractType, owner: str) -> tuple[str, str]:
     """Annotations of what a field takes and of what it holds."""
     element = d.element_type(type_)
     if isinstance(element, d.NamespacedType):
-        module, _, name = element.type_name.rpartition("/")
-        python = name if owner.startswith(f"{module}/") else element.type_name.replace("/", ".")
+        python = _python_name(element.type_name, owner)
     else:
         python = d.python_type(element)
     if not isinstance(type_, d.AbstractNestedType):

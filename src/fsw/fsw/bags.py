@@ -29,12 +29,13 @@ def add_bag_command(
     bag: str = "bag of a weld",
     description: str = "",
     several: bool = False,
+    optional: bool = False,
 ) -> argparse.ArgumentParser:
-    """Add a command on one or several bags."""
+    """Add a command on one or several bags, with ``optional`` also on none."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=text, description=description or f"{name}: {text}."
     )
-    parser.add_argument("bag", type=Path, help=bag, nargs="+" if several else None)
+    parser.add_argument("bag", type=Path, help=bag, nargs="*" if optional else "+" if several else None)
     parser.set_defaults(run=run)
     return parser
 

@@ -82,12 +82,23 @@ def _run_c(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _prepare(choice: Choice) -> None:
+    """Reduce the canister of a plant, which takes a while."""
+    from fsw_plant import PlantConfig, prepare
+
+    with ProgressBar("heat conduction in the canister") as bar:
+        prepare(PlantConfig.from_values(choice.values), lambda share, _: bar(share))
+
+
 def _run_fmu(arguments: argparse.Namespace) -> int:
     from fsw_export import fmu
 
     try:
         fmu.check_file(arguments.out, arguments.force)
-        content = fmu.make(_choice(arguments))
+        choice = _choice(arguments)
+        if choice.values.get("process") == "canister":
+            _prepare(choice)
+        content = fmu.make(choice)
         fmu.write(content, arguments.out, arguments.force, arguments.platform)
     except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None

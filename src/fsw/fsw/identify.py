@@ -44,6 +44,8 @@ def add_command(commands: Any) -> None:
     add_file(parser, "--model", "model to start from (default: the paper's)")
     lag, text = specs()["actuators.lag_s"], "time constant of the drives (default %(default)s s, the emulator's)"
     add_number(parser, "--drive-lag", "S", Range(*(lag.range or (0.0, inf)), "s"), text, lag.default)
+    steady = "take disturbances as constant: without drifts and shifts all that is slow is the process's"
+    parser.add_argument("--steady", action="store_true", help=steady)
     parser.add_argument("--design", action="store_true", help="propose an experiment and print the accuracy to expect")
     text = f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"
     add_number(parser, "--duration", "S", _EXPERIMENT_S, text)
@@ -96,7 +98,8 @@ def _identify(arguments: argparse.Namespace) -> Summary:
         for note in weld.notes:  # now, too, because the fit takes a while
             print(f"{weld.name}: {note}", file=sys.stderr)
     with ProgressBar("identifying") as bar:
-        fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
+        segments = [segment for weld in welds for segment in weld.segments]
+        fit = estimation.identify(segments, start, bar, arguments.steady)
     validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
     notes = tuple(note for weld in welds for note in weld.notes)
     return Summary(", ".join(weld.name for weld in welds), fit, validation, notes, air)
@@ -104,8 +107,8 @@ def _identify(arguments: argparse.Namespace) -> Summary:
 
 def _design(arguments: argparse.Namespace) -> int:
     duration_s = _DURATION_S if arguments.duration is None else arguments.duration
-    if arguments.bag or arguments.report or arguments.validate or arguments.air:
-        raise CommandError("identify: --design takes no bags and writes no report")
+    if arguments.bag or arguments.report or arguments.validate or arguments.air or arguments.steady:
+        raise CommandError("identify: --design takes no bags, estimates nothing and writes no report")
     check_new([arguments.out], arguments.force)
     from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 

@@ -37,7 +37,7 @@ _COMMANDS = (
     "monitor",
     "history",
 )
-_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow")
+_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
     bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
-        import_module(f"fsw.bag_{name}").add_command(bag_commands)
+        import_module(f"fsw.bag_{name.replace('-', '_')}").add_command(bag_commands)
     return whole
 
 

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from fsw.console import print_table
+from fsw.errors import CommandError
+from fsw.keys import add_private_key, private_key
+from fsw.options import add_force
+from fsw.outputs import check_new, write_text
 from fsw_quality.procedure import Procedure, differences, load, shipped
+from fsw_quality.signature import load_private, load_public, sign, signature_path, verify_file
+from fsw_schema.models import content_of, validate
 
 
 def add_command(commands: Any) -> None:
     """Add the command and its subcommands to the parser's."""
     parser = commands.add_parser(
         "procedure",
-        help="check, show and compare welding procedures",
-        description="Check, show and compare welding procedures: the limits that a weld must keep, as data.",
+        help="check, sign, show and compare welding procedures",
+        description="Check, sign, show and compare welding procedures: the limits that a weld must keep, as data.",
     )
     verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     name = f"YAML file, or one of {', '.join(shipped())}"
@@ -26,11 +33,36 @@ def add_command(commands: Any) -> None:
         one = verbs.add_parser(verb, help=text, description=f"{verb}: {text}.")
         for file in files:
             one.add_argument(file, help=name)
+        if verb == "check":
+            text = "public key by which it must be signed; may be repeated (default: a signature is optional)"
+            one.add_argument("--key", type=Path, action="append", metavar="FILE.pub", default=[], help=text)
         one.set_defaults(run=run)
+    text = "sign a procedure, so that a later change is told by everything that reads it"
+    signing = verbs.add_parser("sign", help=text, description=f"sign: {text}. Writes FILE.sig beside it.")
+    signing.add_argument("procedure", type=Path, help="YAML file")
+    add_private_key(signing)
+    add_force(signing)
+    signing.set_defaults(run=_sign)
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    print(_identity(load(arguments.procedure)))
+    procedure = load(arguments.procedure)
+    signer = verify_file(Path(arguments.procedure), [load_public(path) for path in arguments.key] or None)
+    if arguments.key and signer is None:
+        raise CommandError(f"{arguments.procedure}: is not signed; 'fsw.py procedure sign' signs it")
+    print(_identity(procedure))
+    print(f"signed by key {signer.fingerprint}" if signer else "not signed")
+    return 0
+
+
+def _sign(arguments: argparse.Namespace) -> int:
+    path: Path = arguments.procedure
+    target = signature_path(path)
+    check_new([target], arguments.force)
+    data = path.read_bytes()
+    procedure = validate(Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path))
+    write_text(target, sign(data, load_private(private_key(arguments))))
+    print(f"{_identity(procedure)}\nsignature: {target}")
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fsw.bags import DAMAGED_TOO, print_notes
 from fsw.errors import CommandError
@@ -12,7 +12,11 @@ from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
+from fsw_quality.comparison import accepted_before, compare
 from fsw_quality.procedure import load, shipped
+
+if TYPE_CHECKING:
+    from fsw_quality.record import Record
 
 
 def add_command(commands: Any) -> None:
@@ -27,6 +31,8 @@ def add_command(commands: Any) -> None:
     parser.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
     parser.add_argument("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}")
     add_file(parser, "--out", "folder for the records", "DIR", required=True)
+    text = "folder with records of earlier welds: compare with the last accepted ones of the procedure"
+    add_file(parser, "--compare", text, "DIR")
     add_force(parser)
     parser.set_defaults(run=_run)
 
@@ -49,13 +55,27 @@ def _run(arguments: argparse.Namespace) -> int:
     for name, bag in bags.items():
         with ProgressBar(f"reading {bag}") as bar:
             found, course = record.make(bag, procedure, bar)
+        if arguments.compare:
+            found = found.changed(comparison=compare(found, accepted_before(arguments.compare, found)))
         print_notes(found.cannot_say)
         folders[name].mkdir(parents=True, exist_ok=True)
         files = report.write(found, course, procedure, folders[name])
         print(
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
         )
+        print_notes(_unusual(found))
         print(f"written: {', '.join(map(str, files))}")
     if not report.can_write_pdf():
         print_notes(["no PDF: pip install fpdf2, or the extra fsw-control[quality]"])
     return 0
+
+
+def _unusual(record: Record) -> list[str]:
+    """Figures far from those of the accepted welds, in words."""
+    comparison = record.comparison
+    if comparison is None:
+        return []
+    of = f"{len(comparison.welds)} accepted welds"
+    return [
+        f"{one.phase}: {one.name}: {one.value:.4g}, in {of} {one.low:.4g} to {one.high:.4g}" for one in comparison.far
+    ]

@@ -19,6 +19,8 @@ from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
+from fsw_quality.procedure import load as load_procedure
+from fsw_quality.procedure import shipped as procedures
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of, short, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -56,6 +58,10 @@ def add_command(commands: Any) -> None:
     add_repeated(parser, "--set", "KEY=VALUE", text)
     add_file(parser, "--out", "folder for the results (default out/<date>_<scenario>)", "DIR")
     parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
+    text = "with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the bag"
+    parser.add_argument(
+        "--procedure", metavar="PROCEDURE", default="", help=f"{text}; one of {', '.join(procedures())}"
+    )
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
     parser.set_defaults(run=_run)
@@ -71,6 +77,10 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run
 
+    if arguments.procedure:
+        if not arguments.bag:
+            raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
+        load_procedure(arguments.procedure)
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
@@ -86,7 +96,7 @@ def _run(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, label, parameters, folder / f"graph_{file}")
+            _record(loop.scenario, label, parameters, folder / f"graph_{file}", arguments.procedure)
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
@@ -150,13 +160,17 @@ def _print_health(run: Run) -> None:
     print_notes(f"{run.label}: {note}" for note in notes)
 
 
-def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path) -> None:
+def _record(
+    scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path, procedure: str
+) -> None:
     """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-    graph = WeldGraph(scenario, folder, parameters=nodes)
+    graph = WeldGraph(scenario, folder, parameters=nodes, procedure=procedure)
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
+    if procedure:
+        print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:

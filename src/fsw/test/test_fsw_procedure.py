@@ -30,3 +30,33 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
     assert main(["procedure", "check", str(tmp_path / "none.yaml")]) == 1
     error = capsys.readouterr().err
     assert "cannot read procedure" in error and "copper_lid" in error and error.count("\n") == 1
+
+
+def test_a_signed_revision_is_not_edited_unnoticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    mine, key, other = tmp_path / "mine.yaml", tmp_path / "key", tmp_path / "other"
+    mine.write_bytes(SHIPPED.read_bytes())
+
+    def run(*words: object) -> tuple[int, str]:
+        code = main([str(word) for word in words])
+        said = capsys.readouterr()
+        return code, said.out + said.err
+
+    assert run("procedure", "check", mine, "--key", "none.pub")[0] == 1
+    assert run("procedure", "sign", mine)[0] == 1  # no key yet
+    assert run("bag", "keygen", key)[0] == run("bag", "keygen", other)[0] == 0
+    assert "is not signed" in run("procedure", "check", mine, "--key", f"{key}.pub")[1]
+    assert run("procedure", "sign", mine, "--key", key)[0] == 0
+    assert "signed by key SHA256:" in run("procedure", "check", mine)[1]
+    assert run("procedure", "check", mine, "--key", f"{key}.pub")[0] == 0
+    assert "which is not the trusted one" in run("procedure", "check", mine, "--key", f"{other}.pub")[1]
+    assert "exists; choose another name, or give --force" in run("procedure", "sign", mine, "--key", key)[1]
+    mine.write_text(mine.read_text(encoding="utf-8").replace("max: 910.0", "max: 911.0"), encoding="utf-8")
+    for words in (("check", mine), ("show", mine), ("diff", "copper_lid", mine)):
+        code, said = run("procedure", *words)
+        assert code == 1 and "changed after it was signed" in said and said.count("\n") == 1
+    assert run("procedure", "sign", mine, "--key", key, "--force")[0] == 0  # a new revision
+    assert run("procedure", "check", mine)[0] == 0

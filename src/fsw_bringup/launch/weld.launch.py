@@ -23,6 +23,10 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
+from fsw_quality.procedure import shipped as procedures
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -46,6 +50,12 @@ ARGUMENTS = {
         "",
         "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A restarted recorder continues beside it, "
         "in <folder>_1",
+    ),
+    "procedure": (
+        "",
+        f"Welding procedure: YAML file, or one of {', '.join(procedures())}. Interlocks, limits of commands and the "
+        "page's bands follow from it, a weld that leaves it is told on /diagnostics, and the weld's record is written "
+        "into the bag's folder; empty: none",
     ),
     "standby": (
         "",
@@ -116,11 +126,15 @@ def weld(context: LaunchContext) -> list[Any]:
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if speed is not None:
         page["use_sim_time"] = True
+    if arguments["procedure"]:
+        _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
     if arguments["monitor"] in TRUE:
         actions.append(node("fsw_quality", "monitor", **_respawn()))
+    if arguments["procedure"]:
+        actions.append(node("fsw_quality", "procedure", **_respawn()))
     if arguments["hmi"] in TRUE:
         actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
@@ -238,6 +252,17 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
         parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
     parameters["fsw_recorder"]["ros__parameters"].pop("output")
     return parameters
+
+
+def _by_procedure(source: str, parameters: dict[str, Any], clock: dict[str, Any]) -> None:
+    """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
+    try:
+        derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
+    except InputError as error:
+        raise RuntimeError(f"procedure: {error}") from None
+    derived["fsw_procedure"] |= clock
+    for name, values in derived.items():
+        parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"] |= values
 
 
 def _write(path: Path, parameters: dict[str, Any]) -> Path:

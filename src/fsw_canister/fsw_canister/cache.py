@@ -1,12 +1,14 @@
-"""Keeps projections: one file for each geometry and version of the sources, in the user's cache."""
+"""Keeps reductions: one file for each geometry and version of the sources, in the user's cache."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import zipfile
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -15,46 +17,58 @@ from fsw_canister.projection import Progress, Projection, project
 from fsw_schema.files import replacing, user_cache
 from fsw_schema.models import InputError
 
+Kind = TypeVar("Kind")
 
-def _shape(parameters: CanisterParameters) -> str:
-    """What a projection depends on: geometry, discretisation and the sources that made it."""
+
+def _shape(parameters: CanisterParameters, kind: type[Any]) -> str:
+    """What a reduction depends on: geometry, discretisation and the sources that made it."""
     digest = hashlib.sha256()
-    for name in ("elements.py", "projection.py"):
+    for name in ("elements.py", "projection.py", *(["compact.py"] if kind is not Projection else [])):
         digest.update((Path(__file__).parent / name).read_bytes())
     values = parameters.model_dump()
     return json.dumps({name: values[name] for name in SHAPE} | {"sources": digest.hexdigest()[:16]})
 
 
-def cache_path(parameters: CanisterParameters, folder: Path | None = None) -> Path:
-    """Where the projection of a geometry is kept, by default in the user's cache."""
-    return (
-        folder or user_cache("fsw_canister")
-    ) / f"canister-{hashlib.sha256(_shape(parameters).encode()).hexdigest()[:16]}.npz"
+def cache_path(parameters: CanisterParameters, folder: Path | None = None, kind: type[Any] = Projection) -> Path:
+    """Where the projection of a geometry, or another kind of reduction, is kept, by default in the user's cache."""
+    digest = hashlib.sha256(_shape(parameters, kind).encode()).hexdigest()[:16]
+    return (folder or user_cache("fsw_canister")) / f"{'canister' if kind is Projection else 'compact'}-{digest}.npz"
 
 
 def projection_of(
     parameters: CanisterParameters, cache: Path | None = None, progress: Progress | None = None
 ) -> Projection:
     """A projection from the cache or made now; see :func:`fsw_canister.reduced.load_or_reduce`."""
-    given = cache is not None and cache.suffix == ".npz"
-    path = cache if cache is not None and given else cache_path(parameters, cache)
-    found = _read(path, _shape(parameters), refuse=given)
+    return kept(Projection, parameters, cache, lambda: project(parameters, progress), progress)
+
+
+def kept(
+    kind: type[Kind],
+    parameters: CanisterParameters,
+    cache: Path | None,
+    make: Callable[[], Kind],
+    progress: Progress | None = None,
+) -> Kind:
+    """A reduction, a dataclass of arrays, from the cache or made now and kept; see ``reduced.load_or_reduce``."""
+    given, shape = cache is not None and cache.suffix == ".npz", _shape(parameters, kind)
+    path = cache if cache is not None and given else cache_path(parameters, cache, kind)
+    found = _read(path, kind, shape, refuse=given)
     if found is None:
-        found = project(parameters, progress)
+        found = make()
         try:
-            _write(path, found, _shape(parameters))
+            _write(path, found, shape)
         except OSError as error:
             if progress:
                 progress(1.0, f"not kept for the next time: {path}: {error.strerror} (set XDG_CACHE_HOME)")
     return found
 
 
-def _read(path: Path, shape: str, refuse: bool) -> Projection | None:
+def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None:
     """What a file holds, if it is there and whole; one of another shape is refused or made anew."""
     try:
         with np.load(path, allow_pickle=False) as content:
-            kept = json.loads(str(content["shape"]))
-            arrays = {field.name: content[field.name] for field in fields(Projection)}
+            was = json.loads(str(content["shape"]))
+            arrays = {field.name: content[field.name] for field in fields(cast("Any", kind))}
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
@@ -62,18 +76,18 @@ def _read(path: Path, shape: str, refuse: bool) -> Projection | None:
             raise InputError(f"{path}: holds no reduced canister; remove it, then it is made anew") from None
         return None
     wanted = json.loads(shape)
-    if kept == wanted:
-        return Projection(**arrays)
+    if was == wanted:
+        return kind(**arrays)
     if refuse:
-        other = next(name for name in wanted if kept.get(name) != wanted[name])
-        what = f"{other} {kept.get(other)}, not {wanted[other]}"
+        other = next(name for name in wanted if was.get(name) != wanted[name])
+        what = f"{other} {was.get(other)}, not {wanted[other]}"
         raise InputError(f"{path}: reduced for another canister ({what}); give another place or remove it")
     return None
 
 
-def _write(path: Path, projection: Projection, shape: str) -> None:
+def _write(path: Path, reduction: Any, shape: str) -> None:
     """Replaced at once, so that no process ever reads half a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as scratch:
-        arrays = {field.name: getattr(projection, field.name) for field in fields(projection)}
+        arrays = {field.name: getattr(reduction, field.name) for field in fields(reduction)}
         np.savez(scratch, shape=np.array(shape), **arrays)

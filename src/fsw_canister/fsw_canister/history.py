@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fsw_canister.reduced import Array, CanisterState, ReducedCanister
+from fsw_canister.reduced import ReducedCanister
+from fsw_canister.stepped import Array, CanisterState, HeatModel
 from fsw_schema.models import InputError
 
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10
 #: in which heating-up before the first tick must come to an end, chosen
-_LONGEST_HEATING_S = 1800.0
+LONGEST_HEATING_S = 1800.0
 _PROGRESS_STEPS = 100
 
 
@@ -71,7 +72,7 @@ class HeatHistory:
 
 
 def heated(
-    canister: ReducedCanister,
+    canister: HeatModel,
     power_kw: float,
     motion: tuple[float, float],
     dt_s: float,
@@ -81,7 +82,7 @@ def heated(
 
     Parameters
     ----------
-    canister : ReducedCanister
+    canister : HeatModel
     power_kw : float
     motion : (float, float)
         Of the tool: traverse [mm/s], and position above the joint line [mm].
@@ -97,11 +98,11 @@ def heated(
     """
     traverse, axial_mm = motion
     state = canister.initial(axial_mm=axial_mm)
-    for _ in range(round(_LONGEST_HEATING_S / dt_s)):
+    for _ in range(round(LONGEST_HEATING_S / dt_s)):
         if (rest_c := missing_c(state)) <= 0.0:
             return state
         state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
-    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {_LONGEST_HEATING_S:g} s of heating")
+    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {LONGEST_HEATING_S:g} s of heating")
 
 
 def heat_history(

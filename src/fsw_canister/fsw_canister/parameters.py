@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import hypot
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
@@ -121,6 +121,11 @@ class CanisterParameters(Model):
     def heat_capacity_j_per_m3_k(self) -> float:
         """Heat capacity of a volume."""
         return self.density_kg_per_m3 * self.heat_capacity_j_per_kg_k
+
+    def into_copper(self, probe: Any, shoulder: Any) -> Any:
+        """What 1 kW does, from what 1 W of probe and of shoulder into the copper do."""
+        shared = (1.0 - self.shoulder_share) * probe + self.shoulder_share * shoulder
+        return 1e3 * (1.0 - self.tool_share) * shared
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "canister parameters") -> CanisterParameters:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from math import pi
 from typing import Any
 
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 #: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
-_TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
+TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
 #: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left out
 _SHIFTS_PER_S = (1e-4, 4e-4, 1.6e-3, 6.4e-3, 0.0256, 0.1, 0.4, 1.6, 6.4)
 _SLOWER = 0.1
@@ -53,7 +54,6 @@ class Projection:
         Integrals of the basis vectors over the copper and its surfaces; 0 but for mode 0.
     rest_k_per_w : (2, positions) array
         What the bases leave out at the rim, of fast modes at rest and at a typical k, of probe and shoulder.
-    typical_k : float
     axial_mm : (positions,) array
     """
 
@@ -69,8 +69,28 @@ class Projection:
     surface_ones: Array
     clamp_ones: Array
     rest_k_per_w: Array
-    typical_k: float
     axial_mm: Array
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """Where the vectors of a mode begin and end."""
+        return np.flatnonzero(np.diff(self.mode, prepend=-1, append=-1))
+
+    def diagonal(self, k: float, surface: float, clamp: float) -> tuple[Array, list[Array]]:
+        """Eigenvalues and eigenvectors of each mode for such a conductivity and heat transfer, (n,) and blocks."""
+        values, turn = [], []
+        for a, b in pairwise(self.ends.tolist()):
+            conduction, losses, clamped = (one[a:b, : b - a] for one in (self.conduction, self.surface, self.clamp))
+            matrix = k * conduction + surface * losses + clamp * clamped
+            value, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+            values.append(value)
+            turn.append(vectors)
+        return np.concatenate(values), turn
+
+    def turned(self, rows: Array, turn: list[Array]) -> Array:
+        """Rows of values in the basis, (..., n), as values in the eigenvectors of :meth:`diagonal`."""
+        parts = [rows[..., a:b] @ t for (a, b), t in zip(pairwise(self.ends.tolist()), turn, strict=True)]
+        return np.concatenate(parts, axis=-1)
 
 
 def project(parameters: CanisterParameters, progress: Progress | None = None) -> Projection:
@@ -136,20 +156,19 @@ def _project(elements: Elements, progress: Progress | None) -> Projection:
         np.concatenate([whole[1], rest]),
         np.concatenate([whole[2], rest]),
         left_out,
-        _TYPICAL["k"],
         axial_mm,
     )
 
 
 def _typical_matrix(elements: Elements, stiffness: Any) -> Any:
     """Conduction and losses of a mode for typical copper."""
-    losses = _TYPICAL["surface"] * elements.surface + _TYPICAL["clamp"] * elements.clamp
-    return (_TYPICAL["k"] * stiffness + losses).tocsc()
+    losses = TYPICAL["surface"] * elements.surface + TYPICAL["clamp"] * elements.clamp
+    return (TYPICAL["k"] * stiffness + losses).tocsc()
 
 
 def _own_decay_per_s(mode: int, radius_m: float) -> float:
     """How fast a mode decays at least, by conduction around the canister."""
-    return float(_TYPICAL["k"] / _TYPICAL["rho_c"] * (mode / radius_m) ** 2)
+    return float(TYPICAL["k"] / TYPICAL["rho_c"] * (mode / radius_m) ** 2)
 
 
 def _left_out(matrix: Any, loads: Array, basis: Array) -> Array:
@@ -172,10 +191,10 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
     All is symmetric, and heat is made where the temperature is taken, all but the shoulder's. With both as inputs and
     outputs the two Gramians are one matrix: its eigenvectors balance the system, and truncation keeps it symmetric.
     """
-    mass, rho_c = elements.mass, _TYPICAL["rho_c"]
+    mass, rho_c = elements.mass, TYPICAL["rho_c"]
     matrix = _typical_matrix(elements, stiffness)
     probe, shoulder, rim = loads
-    ends = np.stack([probe + _TYPICAL["shoulder"] * (shoulder - probe), rim])
+    ends = np.stack([probe + TYPICAL["shoulder"] * (shoulder - probe), rim])
     every = 2 if elements.parameters.tolerance_k < _FINE_K else _EVERY
     responses = _responses(matrix, rho_c * mass, ends[:, ::every].reshape(-1, elements.size).T, mode, elements.outer_m)
     constant = np.full((elements.size, 1), 1.0 / np.sqrt(mass.sum()))

@@ -6,22 +6,18 @@ axial position held is one multiplication per state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from math import isfinite, pi
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fsw_canister.cache import projection_of
-from fsw_canister.copper import Kirchhoff
 from fsw_canister.elements import elements_of
 from fsw_canister.parameters import CanisterParameters
-from fsw_canister.projection import Progress, Projection
+from fsw_canister.projection import TYPICAL, Progress, Projection
+from fsw_canister.stepped import Array, CanisterState, Complex, HeatModel
 from fsw_schema.models import InputError
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def load_or_reduce(
@@ -45,31 +41,7 @@ def load_or_reduce(
     return ReducedCanister(parameters, projection_of(parameters, cache, progress))
 
 
-@dataclass(frozen=True, slots=True)
-class CanisterState:
-    """Heat in the canister and where the tool is.
-
-    Attributes
-    ----------
-    modes : (states,) complex array
-        Amplitudes of theta (``copper.py``) in the eigenvectors.
-    angle_rad, axial_mm : float
-        Place of the tool: around the canister from its start, and above the joint line.
-    power_kw : float
-        Power of the last step.
-    """
-
-    modes: Complex
-    angle_rad: float = 0.0
-    axial_mm: float = 0.0
-    power_kw: float = 0.0
-
-    def copy(self) -> CanisterState:
-        """Independent copy."""
-        return replace(self, modes=self.modes.copy())
-
-
-class ReducedCanister:
+class ReducedCanister(HeatModel):
     """The canister's heat, stepped exactly for a power, a traverse speed and an axial position that are held.
 
     Parameters
@@ -80,7 +52,6 @@ class ReducedCanister:
 
     Attributes
     ----------
-    parameters : CanisterParameters
     states : int
         Complex numbers in a state.
     decay_per_s : (states,) array
@@ -88,42 +59,21 @@ class ReducedCanister:
 
     def __init__(self, parameters: CanisterParameters, projection: Projection) -> None:
         p, q = parameters, projection
-        self.parameters = p
-        self.copper = Kirchhoff(p)
         self.states = q.mode.size
         self._mode, self._modes = q.mode, np.arange(q.mode[-1] + 1)
         self._radius_mm = p.outer_radius_mm
-        self._axial_mm = q.axial_mm
-        decay, turn = [], []
-        for mode in self._modes:
-            rows = np.flatnonzero(q.mode == mode)
-            conduction, surface, clamp = (block[rows, : rows.size] for block in (q.conduction, q.surface, q.clamp))
-            matrix = p.conductivity_w_per_m_k * conduction
-            matrix = matrix + p.surface_w_per_m2_k * surface + p.clamp_w_per_m2_k * clamp
-            values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-            decay.append(np.maximum(values, 0.0) / p.heat_capacity_j_per_m3_k)
-            turn.append(vectors)
-        self.decay_per_s = np.concatenate(decay)
-        self._ends = np.cumsum([0, *(one.size for one in decay)])
-
-        def turned(rows: Array) -> Array:
-            return np.concatenate([rows[..., a:b] @ t for a, b, t in self._blocks(turn)], axis=-1)
-
-        source = (1.0 - p.shoulder_share) * turned(q.probe) + p.shoulder_share * turned(q.shoulder)
-        self._source = source * (1e3 * (1.0 - p.tool_share) / (2.0 * pi * p.heat_capacity_j_per_m3_k))
-        twice = np.where(q.mode == 0, 1.0, 2.0)
-        self._rim = turned(q.rim) * twice
-        rest = (1.0 - p.shoulder_share) * q.rest_k_per_w[0] + p.shoulder_share * q.rest_k_per_w[1]
-        self._rest = rest * (1e3 * (1.0 - p.tool_share) * float(q.typical_k) / p.conductivity_w_per_m_k)
-        self._vectors = turned(q.vectors)
-        self._ones = turned(q.ones)
-        self._loss = p.surface_w_per_m2_k * turned(q.surface_ones) + p.clamp_w_per_m2_k * turned(q.clamp_ones)
-        self._table = (float("nan"), (np.zeros(0), np.zeros(0), 0.0))
+        decay, turn = q.diagonal(p.conductivity_w_per_m_k, p.surface_w_per_m2_k, p.clamp_w_per_m2_k)
+        self.decay_per_s = np.maximum(decay, 0.0) / p.heat_capacity_j_per_m3_k
+        self._ends = q.ends
+        source = p.into_copper(q.turned(q.probe, turn), q.turned(q.shoulder, turn))
+        rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
+        source = source / (2.0 * pi * p.heat_capacity_j_per_m3_k)
+        super().__init__(p, q.axial_mm, source, q.turned(q.rim, turn) * np.where(q.mode == 0, 1.0, 2.0), rest)
+        self._vectors, self._ones = q.turned(q.vectors, turn), q.turned(q.ones, turn)
+        self._loss = p.surface_w_per_m2_k * q.turned(q.surface_ones, turn)
+        self._loss = self._loss + p.clamp_w_per_m2_k * q.turned(q.clamp_ones, turn)
         self._turned: tuple[float, Complex] = (float("nan"), np.zeros(0, complex))
         self._response: tuple[tuple[float, float], Array, Complex] = ((-1.0, 0.0), np.zeros(0), np.zeros(0, complex))
-
-    def _blocks(self, turn: list[Array]) -> list[tuple[int, int, Array]]:
-        return list(zip(self._ends[:-1].tolist(), self._ends[1:].tolist(), turn, strict=True))
 
     def initial(
         self, temperature_c: float | None = None, angle_rad: float = 0.0, axial_mm: float = 0.0
@@ -138,41 +88,11 @@ class ReducedCanister:
             modes[: self._ends[1]] = theta * volume / (2.0 * pi)
         return CanisterState(modes, angle_rad, self._checked(axial_mm))
 
-    def _checked(self, axial_mm: float) -> float:
-        low, high = self.parameters.lowest_mm, self.parameters.highest_mm
-        if not low - 1e-9 <= axial_mm <= high + 1e-9:
-            raise InputError(
-                f"canister: tool at {axial_mm:g} mm is off the copper; {low:g} to {high:g} mm above the joint"
-            )
-        return axial_mm
-
     def step(
         self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
     ) -> CanisterState:
-        """State after a step, with the inputs held.
-
-        Parameters
-        ----------
-        state : CanisterState
-        power_kw : float
-            Power (24), tool's share included.
-        traverse_mm_per_s : float
-            At the outer surface; backwards if negative.
-        axial_mm : float
-            Tool's position above the joint line.
-        dt_s : float
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If an input is not finite, the tool is off the copper or the step is not positive.
-        """
-        if not isfinite(power_kw + traverse_mm_per_s + axial_mm):
-            raise InputError(
-                f"canister: power {power_kw} kW, traverse {traverse_mm_per_s} mm/s, position {axial_mm} mm: not finite"
-            )
-        if not 0.0 < dt_s < 1e6:
-            raise InputError(f"canister: step of {dt_s} s; must be above 0")
+        """As of :class:`HeatModel`."""
+        self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
         source, _, _ = self._at(axial_mm)
         decay, response = self._over(traverse_mm_per_s, dt_s)
         driven = np.conj(self._phase(state.angle_rad))
@@ -189,27 +109,6 @@ class ReducedCanister:
             self._turned = (angle_rad, np.exp((1j * angle_rad) * self._modes)[self._mode])
         return self._turned[1]
 
-    def _at(self, axial_mm: float) -> tuple[Array, Array, float]:
-        """Source, rim and what is left out there for a position, by cubics through the table."""
-        if axial_mm != self._table[0]:
-            self._checked(axial_mm)
-            grid = self._axial_mm
-            at = (axial_mm - grid[0]) / (grid[1] - grid[0])
-            first = min(max(int(at) - 1, 0), len(grid) - 4)
-            x = at - first
-            weights = np.array(
-                [
-                    (1 - x) * (x - 2) * (x - 3) / 6,
-                    x * (x - 2) * (x - 3) / 2,
-                    -x * (x - 1) * (x - 3) / 2,
-                    x * (x - 1) * (x - 2) / 6,
-                ]
-            )
-            near = slice(first, first + 4)
-            rest = float(weights @ self._rest[near])
-            self._table = (axial_mm, (weights @ self._source[near], weights @ self._rim[near], rest))
-        return self._table[1]
-
     def _over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Complex]:
         """Decay over a step and response to a load that turns meanwhile."""
         if (traverse_mm_per_s, dt_s) != self._response[0]:
@@ -222,7 +121,7 @@ class ReducedCanister:
         return self._response[1], self._response[2]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
-        """Mean temperature at the probe's rim; it takes the place of the copper's temperature of (16)."""
+        """As of :class:`HeatModel`."""
         _, rim, rest = self._at(state.axial_mm)
         theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
         return float(self.copper.temperature_c(theta))

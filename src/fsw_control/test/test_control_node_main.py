@@ -1,6 +1,7 @@
 """Nodes as processes: how they end, and how they refuse to start."""
 
 import contextlib
+import runpy
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 import rclpy
 from sensor_msgs.msg import Temperature
 
-from fsw_control import Reference
+from fsw_control import Reference, run_controller
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
@@ -92,22 +93,31 @@ def test_the_example_answers_and_ends_cleanly(peer, sent):
     assert "Traceback" not in text
 
 
+def lines(text):
+    """Without what rcl may have logged of arguments that it cannot parse."""
+    return [line for line in text.strip().splitlines() if "[rcl]" not in line]
+
+
+def test_a_parameter_out_of_range_ends_the_start_with_one_line():
+    code, text = finish(launch("--ros-args", "-p", "deadline:=5.0"))
+    assert code == 2
+    assert "deadline" in text and len(lines(text)) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--ros-args", "-p", "deadline:=5.0"), "deadline"),
         (("--ros-args", "-p", "deadline:=soon"), "deadline"),
         (("--ros-args", "-p", "validity.depth.minimum:=9.0"), "minimum"),
         (("--wrong",), "unknown arguments --wrong"),
         (("--ros-args", "--params-file", "/nonexistent.yaml"), "/nonexistent.yaml"),
     ],
 )
-def test_bad_arguments_are_told_in_one_line(arguments, said):
-    code, text = finish(launch(*arguments))
-    assert code == 2
-    assert said in text
-    # rcl may have logged the arguments it cannot parse before
-    assert len([line for line in text.strip().splitlines() if "[rcl]" not in line]) == 1
+def test_bad_arguments_are_told_in_one_line(arguments, said, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "argv", ["my_controller", *arguments])
+    assert run_controller(runpy.run_path(str(EXAMPLE))["DepthOnly"]) == 2
+    text = "".join(capfd.readouterr())
+    assert said in text and len(lines(text)) == 1
 
 
 NODE = """

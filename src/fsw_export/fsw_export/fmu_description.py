@@ -15,6 +15,7 @@ from fsw_export.templates import render
 #: unit: exponents of the base units of SI, and ``value in SI = factor * value + offset``
 UNITS: dict[str, dict[str, float]] = {
     "mm": {"m": 1, "factor": 1e-3},
+    "mm/min": {"m": 1, "s": -1, "factor": 1e-3 / 60.0},
     "degC": {"K": 1, "offset": 273.15},
     "K": {"K": 1},
     "s": {"s": 1},

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fsw_canister.history import LONGEST_HEATING_S
 from fsw_control import weld
 from fsw_control.parameters import validate
+from fsw_control.weld import TICK_S
 from fsw_export.choice import Choice
-from fsw_export.errors import ExportError
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
 from fsw_nmpc.kernel_codegen import c_text
 from fsw_plant import PlantEmulator, config
+from fsw_plant.process import reduced
 
 #: parameters of the plant that the FMU has as its own
 _FIXED = ("start.depth_mm", "start.temperature_c")
+_OF_CANISTER = ("start.power_kw",)
+#: the tool's motion, by its name in ``plant.yaml``, is an input of the FMU
+_MOTION = {
+    "tool.traverse_mm_per_min": (
+        "traverse_mm_per_min",
+        "Traverse speed of the tool around the canister during a step; before the first one, while it is heated",
+    ),
+    "tool.axial_mm": ("axial_mm", "Height of the tool above the joint line, towards the lid, at the end of a step"),
+}
 _TUNABLE = (
     "limits.force_min_kn",
     "limits.force_max_kn",
@@ -27,7 +41,8 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file``, and factors ``model.*``.
+    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file``, factors ``model.*``, and
+    on a canister ``canister.*`` and where the tool is at first.
 
     Raises
     ------
@@ -35,15 +50,16 @@ def plant(choice: Choice) -> Content:
         If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
         within the drives' limits.
     """
-    if choice.parameters.get("process", "paper") != "paper":
-        raise ExportError("process canister: the plant as an FMU has the paper's process only; leave out process")
-    own = (*_FIXED, *_TUNABLE, "model_file")
-    specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
+    on_canister = choice.parameters.get("process", "paper") == "canister"
+    fixed = (*_FIXED, *(_OF_CANISTER if on_canister else ()))
+    groups = ("model.", "canister.") if on_canister else ("model.",)
+    own = {*fixed, *_TUNABLE, "model_file", "process", *(_MOTION if on_canister else ())}
+    specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith(groups)}
     validate(specs, choice.parameters)
     chosen = config.PlantConfig.from_values(choice.parameters)
-    PlantEmulator(chosen)  # checks the start
+    emulator = PlantEmulator(chosen)  # checks the start
     process = ProcessModel(chosen.model)
-    start = process.equilibrium()
+    start = emulator.applied if on_canister else process.equilibrium()
     variables: list[Variable] = [
         real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
         real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
@@ -65,33 +81,70 @@ def plant(choice: Choice) -> Content:
         output("friction_torque_nm", "Friction of motor and transmission", "N m"),
         output("power_kw", "Power of the process", "kW"),
         output("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
-        *(parameter(specs[name], chosen[name], fixed=True) for name in _FIXED),
+        *(parameter(specs[name], chosen[name], fixed=True) for name in fixed),
         *(parameter(specs[name], chosen[name]) for name in _TUNABLE),
     ]
+    if on_canister:
+        variables += [real(name, words, specs[own].unit, chosen[own]) for own, (name, words) in _MOTION.items()]
+    kind = "canister" if on_canister else "paper"
+    code = canister_code(chosen) if on_canister else process_code(process)
     return Content(
         "fsw_plant",
         "Friction stir welding process with its drives; no noise",
         tuple(variables),
-        {"fmu_plant.c": source("fmu_plant.c"), "fmu_unit.h": source("fmu_unit_plant.h"), **process_code(process)},
+        {
+            **{name: source(name) for name in ("fmu_plant.c", "fmu_plant.h", f"fmu_process_{kind}.c")},
+            "fmu_unit.h": source("fmu_unit_plant.h"),
+            "fmu_process.h": source(f"fmu_process_{kind}.h"),
+            **code,
+        },
     )
 
 
 def process_code(process: ProcessModel) -> dict[str, str]:
     """``process.c``, the step and the outputs of the process by CasADi, and ``process.h`` with its numbers."""
+    numbers = {
+        "PROCESS_POWER": equations.N_POWER,
+        "PROCESS_POWER_KW": process.parameters.operating_power_kw,
+        "PROCESS_GAIN_C_PER_KW": process.parameters.thermal_gain_c_per_kw,
+    }
+    return _code(process, [process.step_function, process.output_function], numbers)
+
+
+def canister_code(chosen: config.PlantConfig) -> dict[str, str]:
+    """The same of the process on a canister, and ``canister.h`` with the compact canister's tables."""
+    assert chosen.canister is not None
+    process, canister = ProcessModel(chosen.model), reduced(chosen.canister)
+    tables = canister.tables()
+    numbers = {
+        "PROCESS_DEAD_STEPS": chosen.model.dead_time_s / TICK_S,
+        "CANISTER_STATES": canister.states,
+        "CANISTER_EVEN": len(tables["transport"]),
+        "CANISTER_POSITIONS": len(tables["axial_mm"]),
+        "CANISTER_TEMPERATURES": len(tables["theta_k"]),
+        "CANISTER_RADIUS_MM": chosen.canister.outer_radius_mm,
+        "CANISTER_LOWEST_MM": chosen.canister.lowest_mm,
+        "CANISTER_HIGHEST_MM": chosen.canister.highest_mm,
+        "CANISTER_LONGEST_S": LONGEST_HEATING_S,
+    }
+    functions = [equations.driven_step_function(chosen.model), process.output_function]
+    header = render("canister.h", tables={name: table.ravel().tolist() for name, table in tables.items()})
+    return {"canister.h": header, **_code(process, functions, numbers)}
+
+
+def _code(process: ProcessModel, functions: Sequence[Any], more: Mapping[str, float]) -> dict[str, str]:
+    """``process.c`` of functions, and ``process.h`` with the numbers that every process has, and more."""
     p = process.parameters
-    functions = [process.step_function, process.output_function]
     numbers: dict[str, float] = {
         "PROCESS_STATES": equations.N_STATES,
-        "PROCESS_POWER": equations.N_POWER,
         "PROCESS_DELAY": process.delay_steps,
         "PROCESS_FORCE_KN": p.operating_force_kn,
         "PROCESS_DEPTH_MM": p.operating_depth_mm,
         "PROCESS_TEMPERATURE_C": p.operating_temperature_c,
-        "PROCESS_POWER_KW": p.operating_power_kw,
-        "PROCESS_GAIN_C_PER_KW": p.thermal_gain_c_per_kw,
         "PROCESS_SOFTENING_PER_C": p.softening_per_c,
         "PROCESS_INERTIA_KGM2": p.spindle_inertia_kgm2,
         "NOMINAL_SPEED_RPM": weld.SPEED_RPM,
+        **more,
     }
     for function in functions:
         for size in ("arg", "res", "iw", "w"):

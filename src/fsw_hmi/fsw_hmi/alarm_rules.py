@@ -16,7 +16,7 @@ from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.contract import SENSORS, Reference
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
-from fsw_hmi.limits import QUALITY_TEMPERATURE_C
+from fsw_hmi.limits import QUALITY_TEMPERATURE
 from fsw_schema.yaml_text import load_yaml
 
 #: time without reports of a node after which that is an alarm
@@ -300,7 +300,8 @@ class AlarmRules:
             name, off, most = f"deviation:{value}", now.value(value) - now.value(aim), self._setting(limit)
             if self._is_outside(name, off, -most, most, _BACK * most):
                 found[name] = self._lasting(alarm(kind, what=what), persistence)
-        outside = self._is_outside("quality_temperature", now.value("temperature_c"), *QUALITY_TEMPERATURE_C, _BACK_C)
+        low, high = map(self._setting, QUALITY_TEMPERATURE)
+        outside = self._is_outside("quality_temperature", now.value("temperature_c"), low, high, _BACK_C)
         if outside and not any(name.startswith("interlock:temperature") for name in found):
             found["quality_temperature"] = self._lasting(alarm("quality"), "quality_persistence_s")
 

@@ -31,7 +31,7 @@ from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
@@ -182,7 +182,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _say_hello(self) -> None:
         hello = {
             "emulator": self._emulator,
-            "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
+            "limits": limits(
+                self._interlocks, {name: self._setting(name) for name in (*DEVIATIONS, *QUALITY_TEMPERATURE)}
+            ),
             "reference": reference(self._interlocks),
             "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),

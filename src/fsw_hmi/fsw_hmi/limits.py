@@ -68,6 +68,8 @@ PARAMETERS = (
 
 #: the page's parameters that say how far a value may be off what it should follow
 DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("depth_mm", "temperature_c", "force_kn", "speed_rpm"))
+#: the page's parameters that say between which temperatures a weld is good
+QUALITY_TEMPERATURE = ("quality_temperature_min_c", "quality_temperature_max_c")
 
 
 def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None = None) -> dict[str, dict[str, Any]]:
@@ -78,7 +80,7 @@ def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None
     parameters : mapping of str to number
         Of the supervisor, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
     deviations : mapping of str to float, optional
-        By name of ``DEVIATIONS``; that of the depth is its quality limit.
+        By name of ``DEVIATIONS``, that of the depth is its quality limit; also by those of ``QUALITY_TEMPERATURE``.
     """
     found: dict[str, dict[str, Any]] = {}
     for quantity, (scale, known, low, high) in _QUANTITIES.items():
@@ -91,6 +93,8 @@ def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None
             found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
     if deviations is not None:
         found["depth_mm"]["quality"] = [-deviations["deviation_depth_mm"], deviations["deviation_depth_mm"]]
+        if deviations.keys() >= set(QUALITY_TEMPERATURE):
+            found["temperature_c"]["quality"] = [deviations[name] for name in QUALITY_TEMPERATURE]
     return found
 
 

@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
-from fsw_hmi.uplot import Uplot
+from fsw_hmi.trends_library import Uplot
 
 FOLDER = Path(__file__).with_name("page")
 _TYPES = {

@@ -15,7 +15,7 @@ from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id
-from fsw_test_support.uplot import uplot
+from fsw_test_support.trends_library import uplot
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 __all__ = ["domain_id", "uplot"]

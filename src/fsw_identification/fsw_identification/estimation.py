@@ -15,6 +15,7 @@ import numpy as np
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
 from fsw_identification.errors import IdentificationError
+from fsw_identification.mean_disturbances import heat_and_offset, mean_disturbance
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS
 from fsw_identification.statistics import CORRELATED, long_run_factor
@@ -94,6 +95,7 @@ def identify(
     segments: Sequence[Segment],
     start: ModelParameters | None = None,
     progress: Callable[[float], None] | None = None,
+    steady: bool = False,
 ) -> Fit:
     """Estimate the identifiable parameters of the model.
 
@@ -105,6 +107,8 @@ def identify(
         The paper's by default; parameters that are not identifiable keep these values.
     progress : callable, optional
         Called with the share done.
+    steady : bool
+        Disturbances are constant, without drifts and shifts, so that what is slow is the process's.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def identify(
             progress(1.0 - np.exp(-iterations / 30.0))  # the number of iterations is not known in advance
 
     try:
-        return _identify(segments, start or ModelParameters(), count)
+        return _identify(segments, start or ModelParameters(), count, steady)
     except np.linalg.LinAlgError as error:
         raise IdentificationError(
             f"the estimate broke down ({error}); start nearer to the process (--model), or weld a designed experiment, "
@@ -128,13 +132,13 @@ def identify(
         ) from error
 
 
-def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progress) -> Fit:
+def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progress, steady: bool) -> Fit:
     kept: dict[str, str] = {}
     first = Problem(segments, start, CANDIDATES)
     first.noise = _sensor_noise(segments)
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
-    best = _best_start(start, segments, free, first.noise, count)
+    best = _best_start(start, segments, free, first.noise, count, steady)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
@@ -147,13 +151,18 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
 
 
 def _best_start(
-    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], noise: FloatArray, count: Progress
+    start: ModelParameters,
+    segments: Sequence[Segment],
+    free: tuple[str, ...],
+    noise: FloatArray,
+    count: Progress,
+    steady: bool,
 ) -> Problem:
     """The solution with the largest evidence from several starts, as many as needed."""
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
-        solved = _solve_twice(scaled, segments, free, count)
+        solved = (_solve_steady if steady else _solve_twice)(scaled, segments, free, count)
         if best is None or solved.evidence() < best.evidence():
             best = solved
         share = np.concatenate([disturbed_windows(one, noise) for one in solved.residuals]).mean(axis=0)
@@ -161,6 +170,18 @@ def _best_start(
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
     return best
+
+
+def _solve_steady(
+    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], count: Progress
+) -> Problem:
+    """Solution from a start with disturbances that hardly change, and no shifts."""
+    problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
+    problem.walk = WALK[0]
+    problem.solve(count)
+    problem.free = free
+    problem.solve(count)
+    return problem
 
 
 def _solve_twice(
@@ -294,7 +315,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
-    offset, offset_std = problem.mean_disturbance(covariance)
+    offset, offset_std = mean_disturbance(problem, covariance)
     problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
     sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
@@ -313,6 +334,6 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset_std=offset_std,
         shifts=list(sizes),
         share=(problem.share, float(std[-1])),
-        heat_and_offset=problem.heat_and_offset(),
+        heat_and_offset=heat_and_offset(problem),
         notes=notes,
     )

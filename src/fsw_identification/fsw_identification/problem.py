@@ -165,35 +165,6 @@ class Problem:
                 found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
         return found
 
-    def mean_disturbance(self, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(2,): mean disturbances of force and power, and their standard deviations; ``covariance`` of the border."""
-        parts = self._linearised(self.parameters, True)
-        means, variances, by_border = np.zeros(2), np.zeros(2), np.zeros((2, len(covariance)))
-        total = sum(segment.n_ticks for segment in self.segments)
-        for part, one in zip(parts, self._eliminate(parts, True)[1], strict=True):
-            if part.output != TORQUE:
-                weights = np.zeros(part.at_knots.shape)
-                weights[:, -2] = self.segments[part.segment].n_ticks / total / len(weights)
-                means[part.output] += float((weights * part.at_knots).sum())
-                by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values[:, :, 1:])
-                variances[part.output] += one.variance(weights)
-        return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
-
-    def heat_and_offset(self) -> float:
-        """Correlation of heat and offset of the temperature: of their mean rises since the beginning."""
-        parts = self._linearised(self.parameters, False)
-        variances = np.zeros(3)
-        for part, one in zip(parts, self._eliminate(parts, False)[1], strict=True):
-            if part.output == TEMPERATURE:
-                both = np.zeros((2, *one.values.shape[:2]))
-                for which, weights in enumerate(both):
-                    weights[:, which - 2] = 1.0 / len(weights)
-                    weights[0, which - 2] -= 1.0
-                both[0] *= self.parameters.thermal_gain_c_per_kw
-                variances += [one.variance(weights) for weights in (*both, both.sum(axis=0))]
-        heat, offset, together = variances
-        return float((together - heat - offset) / (2.0 * np.sqrt(heat * offset)))
-
     def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
         """(n, shifts + 1): what a unit of each shift, and of the share, adds to an output of a segment; if not
         ``real``, only shows."""
@@ -227,7 +198,7 @@ class Problem:
                 slopes[:, column] = (at(p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})) - here) / _SLOPE
         return slopes
 
-    def _linearised(self, p: ModelParameters, slopes: bool) -> list[_Part]:
+    def linearised(self, p: ModelParameters, slopes: bool) -> list[_Part]:
         """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters."""
         parts: list[_Part] = []
         for i, segment in enumerate(self.segments):
@@ -242,7 +213,7 @@ class Problem:
                 parts.append(_Part(i, output, response, walk, data, at_knots))
         return parts
 
-    def _eliminate(
+    def eliminate(
         self, parts: Sequence[_Part], slopes: bool, sizes: FloatArray | None = None
     ) -> tuple[FloatArray, list[Eliminated]]:
         """Information of residuals and border, prior included, without knots; and what each part is without them."""
@@ -260,8 +231,8 @@ class Problem:
 
     def _profile(self, p: ModelParameters) -> tuple[float, list[_Part], FloatArray]:
         """Cost at parameters, with the best knots, shifts and share, these and these."""
-        parts = self._linearised(p, False)
-        border, found = self._eliminate(parts, False)
+        parts = self.linearised(p, False)
+        border, found = self.eliminate(parts, False)
         sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
         for part, one in zip(parts, found, strict=True):
             part.at_knots = one.values[:, :, 0] - one.values[:, :, 1:] @ sizes
@@ -301,7 +272,7 @@ class Problem:
 
     def information(self) -> FloatArray:
         """Of free parameters, shifts and share, of data and prior."""
-        return self._eliminate(self._linearised(self.parameters, True), True)[0][1:, 1:]
+        return self.eliminate(self.linearised(self.parameters, True), True)[0][1:, 1:]
 
     def _likely_walk(self, parts: Sequence[_Part]) -> FloatArray:
         """Sizes of the random walks with the largest evidence, of one after the other."""
@@ -310,7 +281,7 @@ class Problem:
         def evidence(log_size: float, of_output: list[_Part], at: tuple[int, int]) -> float:
             sizes = found.copy()
             sizes[at] = np.exp(log_size)
-            return self._evidence(*self._eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+            return self._evidence(*self.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
 
         for output, which in enumerate(_WALKS_OF):
             of_output = [part for part in parts if part.output == output]
@@ -325,7 +296,7 @@ class Problem:
     def evidence(self) -> float:
         """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
         samples = np.sum([(weights > 0.0).sum(axis=0) for weights in self.weights], axis=0)
-        found = self._evidence(*self._eliminate(self._linearised(self.parameters, True), True))
+        found = self._evidence(*self.eliminate(self.linearised(self.parameters, True), True))
         return found + 2.0 * float(samples @ np.log(self.noise))
 
     def _evidence(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
@@ -355,12 +326,12 @@ class Problem:
             self.settle()
             self.estimate_noise()
             before, self._parts, _ = self._profile(self.parameters)
-            parts, settled = self._linearised(self.parameters, True), True
+            parts, settled = self.linearised(self.parameters, True), True
             if not self.fixed_walk:
                 earlier, self.walk = self.walk, self._likely_walk(parts)
                 settled = bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
                 before, self._parts, _ = self._profile(self.parameters)
-            damping, size = self._descend(self._eliminate(parts, True)[0], before, damping)
+            damping, size = self._descend(self.eliminate(parts, True)[0], before, damping)
             if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
                 break
         self.settle()

@@ -186,6 +186,19 @@ def test_slow_disturbance_is_found_and_does_not_bias() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
+def test_steady_disturbances_neither_drift_nor_shift() -> None:
+    """Without any the estimate is as good; a shift then stays in the residuals."""
+    signals = weld()
+    clean = estimation.identify([only(signals)], steady=True)
+    assert max(map(abs, scores(clean).values())) < 4.0
+    signals.depth_mm[700:] += 0.05
+    fit = estimation.identify([only(signals)], steady=True)
+    assert not fit.shifts and (np.ptp(fit.disturbances[0], axis=0) < 0.2 * np.array([1.0, 1.0, 0.01, 1.0, 10.0])).all()
+    assert fit.noise[0] > 2.0 * clean.noise[0]
+
+
+@pytest.mark.slow
+@pytest.mark.full
 def test_fast_disturbance_of_the_temperature() -> None:
     """What heat and offset add together stays of the disturbance's size; it grew from iteration to iteration."""
     signals = weld()

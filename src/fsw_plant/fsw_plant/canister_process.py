@@ -10,7 +10,7 @@ from collections import deque
 from dataclasses import dataclass
 from math import isfinite, pi
 
-from fsw_canister import CanisterState, ReducedCanister
+from fsw_canister import CanisterState, HeatModel
 from fsw_canister.history import heated
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel, ProcessState
 from fsw_model.equations import TOOL
@@ -46,10 +46,10 @@ class CanisterProcess:
     ----------
     parameters : ModelParameters
         Of all but the copper's gain and lag.
-    canister : ReducedCanister
+    canister : HeatModel
     """
 
-    def __init__(self, parameters: ModelParameters, canister: ReducedCanister) -> None:
+    def __init__(self, parameters: ModelParameters, canister: HeatModel) -> None:
         self.parameters, self._canister = parameters, canister
         model = ProcessModel(parameters)
         self.outputs = model.outputs

@@ -136,9 +136,8 @@ class PlantEmulator:
     def _start(self, start: Equilibrium) -> None:
         config, limits = self.config, self.config.limits
         self._state, self._outputs = start.state.copy(), start.outputs
-        drives = config["actuators.lag_s"], config["actuators.dead_time_ticks"]
-        self._force = Actuator(start.force_kn, limits.force_step_kn, *drives)
-        self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *drives)
+        self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
+        self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
@@ -333,9 +332,8 @@ class PlantEmulator:
             self._process.refit(self._state)
         self.config = self.watchdog.config = config
         self.gate.configure(config.limits, config["commands.max_age_s"], config["commands.sources"])
-        drives = config["actuators.lag_s"], config["actuators.dead_time_ticks"]
-        self._force.configure(config.limits.force_step_kn, *drives)
-        self._speed.configure(config.limits.speed_step_rpm, *drives)
+        self._force.configure(config.limits.force_step_kn, *config.drives)
+        self._speed.configure(config.limits.speed_step_rpm, *config.drives)
         self._sensors.configure(config)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Protocol
 
-from fsw_canister import CanisterParameters, ReducedCanister, load_or_reduce
+from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.config import PlantConfig
@@ -15,7 +15,7 @@ from fsw_plant.tool_path import Motion
 #: is told the share that is done, and of what
 Progress = Callable[[float, str], None]
 
-_reduced: dict[CanisterParameters, ReducedCanister] = {}
+_reduced: dict[CanisterParameters, CompactCanister] = {}
 
 
 class PlantProcess(Protocol):
@@ -74,7 +74,7 @@ def process_of(config: PlantConfig) -> PlantProcess:
 
 
 def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
-    """Make what takes long before a plant's first tick: nothing with the paper's process, else the reduced canister."""
+    """Make what takes long before a plant's first tick: nothing with the paper's process, else the compact canister."""
     if config.canister is not None:
         reduced(config.canister, progress)
 
@@ -85,10 +85,10 @@ def _paper_process(parameters: ModelParameters) -> PaperProcess:
     return PaperProcess(parameters)
 
 
-def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> ReducedCanister:
-    """The reduced canister of these parameters, the last one kept; a new geometry takes a while, which is reported."""
+def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> CompactCanister:
+    """The compact canister of these parameters, the last one kept; a new geometry takes a while, which is reported."""
     if parameters not in _reduced:
-        made = load_or_reduce(parameters, progress=progress)
+        made = load_or_compact(parameters, progress=progress)
         _reduced.clear()
         _reduced[parameters] = made
     return _reduced[parameters]

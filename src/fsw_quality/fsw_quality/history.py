@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_quality.attestation import IDENTITY
 from fsw_quality.course import course_of
 from fsw_quality.monitor_run import Watched
-from fsw_quality.record import IDENTITY
 from fsw_schema.files import replacing
 from fsw_schema.models import InputError
 

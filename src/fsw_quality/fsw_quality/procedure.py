@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
 from fsw_control.contract import SENSORS
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_quality.signature import verify_file
 from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, shipped_names, validate
 from fsw_schema.ranges import Range
 
@@ -207,6 +208,15 @@ class Acceptance(Model):
     """where the figures come from"""
 
 
+class Identity(Model):
+    """Which procedure a weld was judged by."""
+
+    id: str
+    revision: str
+    date: str
+    sha256: str
+
+
 class Procedure(Model):
     """Content of a procedure file."""
 
@@ -264,6 +274,11 @@ class Procedure(Model):
         """Hash of everything that it says; comments and order of keys do not count."""
         return digest(self.model_dump(mode="json"))
 
+    @property
+    def identity(self) -> Identity:
+        """Name, revision and hash."""
+        return Identity(id=self.id, revision=self.revision, date=self.date, sha256=self.sha256)
+
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""
         for limit in self.essential:
@@ -283,14 +298,22 @@ def shipped() -> list[str]:
     return shipped_names(_SHIPPED)
 
 
+def path_of(source: str | Path) -> Path:
+    """The file that `load` reads."""
+    path = Path(source).expanduser()
+    return _SHIPPED / f"{source}.yaml" if str(source) in shipped() and not path.is_file() else path.absolute()
+
+
 def load(source: str | Path) -> Procedure:
     """Read a procedure: a YAML file, or a shipped one by its name.
 
     Raises
     ------
     fsw_schema.models.InputError
-        It cannot be read or something in it is wrong.
+        It cannot be read, something in it is wrong, or it was changed after it was signed.
     """
+    if Path(source).is_file():
+        verify_file(Path(source), None)
     return validate(Procedure, content_of(read_text(source, "procedure", _SHIPPED), str(source)), str(source))
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,20 +17,25 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
+from fsw_quality.attestation import IDENTITY, bag_name, software_versions
+from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
-from fsw_quality.procedure import Procedure, digest
+from fsw_quality.procedure import Identity, Procedure
+from fsw_quality.procedure_watch import tuning_sha256
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
 _SIMULATED_NS = NANOSECONDS * 10**8
-#: parameters that say nothing of the control
-_NOT_TUNING = ("use_sim_time", "start_type_description_service")
-#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
-IDENTITY = ("canister", "lid", "tool", "machine")
+#: actions on the operator's page that change who has control, and what is answered when it is handed over
+_CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
+#: node that watches the procedure, and its line on diagnostics
+WATCH_NODE, _DIAGNOSTICS, _DEVIATIONS = "fsw_procedure", "/diagnostics", "fsw_procedure: deviations"
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -86,8 +90,23 @@ class PhaseRecord(Model):
     """work of the spindle, friction in the drive included, per travel"""
 
 
+class TimeOfControl(Model):
+    """Somebody had control on the operator's page."""
+
+    who: str
+    """name and session"""
+    begin_s: float
+    end_s: float
+    """when it was given away or lost, or the end of the weld"""
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return f"{self.who} from {self.begin_s:.1f} to {self.end_s:.1f} s"
+
+
 class Event(Model):
-    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator or fault."""
+    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault or deviation."""
 
     time_s: float
     kind: str
@@ -102,15 +121,6 @@ class Gap(Model):
     duration_s: float
 
 
-class ProcedureIdentity(Model):
-    """Which procedure the weld was judged by."""
-
-    id: str
-    revision: str
-    date: str
-    sha256: str
-
-
 class Record(Model):
     """Content of record.json."""
 
@@ -120,7 +130,7 @@ class Record(Model):
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""
     rules: Many[Rule]
-    procedure: ProcedureIdentity
+    procedure: Identity
     bag: str
     """name of the bag"""
     files: Many[BagFile]
@@ -133,6 +143,9 @@ class Record(Model):
     controllers: Many[str]
     """whose commands were applied"""
     operators: Many[str]
+    """who asked for something"""
+    control: Many[TimeOfControl]
+    """who had control and when, as far as it was taken while the recorder ran"""
     software: dict[str, str]
     parameters_sha256: dict[str, str]
     """of each controller"""
@@ -150,6 +163,13 @@ class Record(Model):
     events: Many[Event]
     phases: Many[PhaseRecord]
     """as they were, and the whole weld"""
+    comparison: Comparison | None = None
+    """with the last accepted welds of the procedure, where their records were given"""
+
+    @property
+    def data_files(self) -> tuple[str, ...]:
+        """Hashes of the files with the messages: by them two records of one weld are known."""
+        return tuple(sorted(one.sha256 for one in self.files if one.name != METADATA_NAME))
 
 
 def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:
@@ -163,6 +183,9 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     signals = load_weld(bag, progress)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
+        if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
+            told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
+            signals = replace(signals, events=told)
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
         raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")
@@ -199,10 +222,8 @@ def assemble(
         verdict=verdict,
         deciding=deciding,
         rules=tuple(rules),
-        procedure=ProcedureIdentity(
-            id=procedure.id, revision=procedure.revision, date=procedure.date, sha256=procedure.sha256
-        ),
-        bag=_name(signals.path),
+        procedure=procedure.identity,
+        bag=bag_name(signals.path),
         files=files,
         identity={key: custom[key] for key in IDENTITY if key in custom},
         start_ns=start_ns,
@@ -210,7 +231,8 @@ def assemble(
         duration_s=_round(course.time_s[-1] - course.time_s[0]),
         controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
         operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
-        software=_software(signals.attachments),
+        control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
+        software=software_versions(signals.attachments),
         parameters_sha256=parameters,
         attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
@@ -225,8 +247,28 @@ def assemble(
     return record, course
 
 
+def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
+    """What the node that watches the procedure told while the weld ran, each change once."""
+    topic = reader.topics().get(_DIAGNOSTICS)
+    if topic is None:
+        return []
+    definitions, found, before = Definitions(), [], ""
+    for record in reader.records([_DIAGNOSTICS]):
+        if _DEVIATIONS.encode() not in record.data:
+            continue
+        message = definitions.decode(record.type_name, topic.definition, record.data)
+        line = next(one for one in message.status if one.name.endswith(_DEVIATIONS))
+        if line.message != before and (before or line.level):
+            stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+            time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
+            found.append(WeldEvent(time_s, "deviation", line.message))
+        before = line.message
+    return found
+
+
 def _files(bag: Path) -> tuple[BagFile, ...]:
-    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.is_file())
+    kinds = (*SUFFIXES, METADATA_NAME)
+    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
     found = []
     for path in paths:
         with path.open("rb") as file:
@@ -238,12 +280,6 @@ def _files(bag: Path) -> tuple[BagFile, ...]:
     return tuple(found)
 
 
-def _name(path: Path) -> str:
-    """Name of a bag; a folder ``bag`` says nothing, so with that of its parent."""
-    whole = path.resolve()
-    return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
-
-
 def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
     found = {}
     for name in dict.fromkeys([*signals.proposals, *(one.name for one in procedure.controllers)]):
@@ -251,19 +287,34 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
             values = recorded_parameters(signals.attachments, signals.namespace, name)
         except BagError:
             continue
-        found[name] = digest({key: value for key, value in values.items() if key not in _NOT_TUNING})
+        found[name] = tuning_sha256(values)
     return found
-
-
-def _software(attachments: Mapping[str, bytes]) -> dict[str, str]:
-    try:
-        return {str(key): str(value) for key, value in json.loads(attachments["versions.json"]).items() if value}
-    except (KeyError, ValueError, AttributeError):
-        return {}
 
 
 def _who(event: WeldEvent) -> str:
     return event.text.partition(": ")[0]
+
+
+def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
+    """Who had control when, from the operators' actions on record; ``end_s`` is the end of the weld."""
+    found: list[TimeOfControl] = []
+    holder, since_s = "", 0.0
+    for event in events:
+        who, action, outcome, *answer = [*event.text.split(": ", 3), "", ""]
+        if event.kind != "operator" or outcome != "done" or action not in _CONTROL:
+            continue
+        taker = who if action == "take control" else ""
+        if action == "hand control over":
+            if not answer[0].startswith(_HANDED):
+                continue
+            taker = answer[0].removeprefix(_HANDED)
+        if holder and taker != holder:
+            found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(event.time_s)))
+        if taker != holder:
+            holder, since_s = taker, event.time_s
+    if holder:
+        found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(max(end_s, since_s))))
+    return found
 
 
 def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence) -> list[str]:

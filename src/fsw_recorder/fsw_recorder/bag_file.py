@@ -11,6 +11,7 @@ from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from fsw_recorder.bag_metadata import FileSummary
+from fsw_recorder.manifest import FileHasher, FileManifest
 from fsw_recorder.qos import qos_text
 from fsw_recorder.topic import RecordedTopic
 
@@ -29,6 +30,7 @@ class _Committed:
         self.descriptor = descriptor
         self.size = 0
         self.waiting = bytearray()
+        self.hasher = FileHasher()
 
     def write(self, data: bytes) -> None:
         self.waiting += data
@@ -37,9 +39,9 @@ class _Committed:
         return self.size + len(self.waiting)
 
     def flush(self) -> None:
-        view = memoryview(bytes(self.waiting))
+        data = bytes(self.waiting)
         self.waiting.clear()
-        total = len(view)
+        view = memoryview(data)
         try:
             while view:
                 view = view[os.write(self.descriptor, view) :]
@@ -47,7 +49,8 @@ class _Committed:
             with suppress(OSError):
                 os.ftruncate(self.descriptor, self.size)
             raise
-        self.size += total
+        self.size += len(data)
+        self.hasher.add(data)
 
 
 class BagFile:
@@ -125,13 +128,22 @@ class BagFile:
         self.committed.size_bytes = self._stream.size
         os.close(self._descriptor)
 
+    def manifest(self) -> FileManifest:
+        """Hashes of what was written so far."""
+        return self._stream.hasher.manifest(self.committed.path)
+
     def close_off(self) -> None:
         """End the file after the committed data, without an index, so that every reader accepts it."""
-        builder = RecordBuilder()
-        DataEnd(0).write(builder)
-        Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
-        self._stream.waiting[:] = builder.end() + MCAP0_MAGIC
+        self._stream.waiting[:] = end_without_index()
         try:
             self._stream.flush()
         finally:
             os.close(self._descriptor)
+
+
+def end_without_index() -> bytes:
+    """The end of a file that every reader accepts although it has no index."""
+    builder = RecordBuilder()
+    DataEnd(0).write(builder)
+    Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
+    return bytes(builder.end() + MCAP0_MAGIC)

@@ -14,7 +14,9 @@ from pathlib import Path
 
 from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
+from fsw_recorder.clock_source import UNKNOWN, ClockState
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, hashed_text, manifest_of, sha256
 from fsw_recorder.topic import RecordedTopic
 
 __all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
@@ -38,6 +40,7 @@ class WriterOptions:
     chunk_period: float = 0.4  # s
     sync_period: float = 1.0  # s
     max_cache_size: int = 256 * 1024 * 1024  # bytes
+    manifest: bool = False
 
 
 class BagWriter:
@@ -97,7 +100,11 @@ class BagWriter:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the bag."""
         now = time.time_ns()
-        self._put(lambda: self._files.current().attach(now, name, media_type, data))
+        self._put(lambda: self._files.attach(now, name, media_type, data))
+
+    def note_clock(self, clock: ClockState) -> None:
+        """Say what the system told of its clock, for the manifest."""
+        self._files.clock = clock
 
     def split(self) -> None:
         """Begin a new file with the next message."""
@@ -209,6 +216,9 @@ class _Files:
     def __init__(self, folder: Path, options: WriterOptions, custom_data: dict[str, str]) -> None:
         self.topics: dict[str, RecordedTopic] = {}
         self.summaries: tuple[FileSummary, ...] = ()
+        self.clock = UNKNOWN
+        self._manifests: list[FileManifest] = []
+        self._attachments: dict[str, str] = {}
         self._folder, self._options, self._custom_data = folder, options, custom_data
         self._file: BagFile | None = None
         self._last_sync = time.monotonic()
@@ -234,6 +244,10 @@ class _Files:
         topic = self.topics.setdefault(name, RecordedTopic(name, "", qos=()))
         if self.current().add_message(topic, data, log_time_ns, publish_time_ns, sequence):
             self.commit()
+
+    def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
+        self.current().attach(time_ns, name, media_type, data)
+        self._attachments.setdefault(name, sha256(data))
 
     def commit(self) -> None:
         """Hand all messages to the operating system."""
@@ -268,7 +282,9 @@ class _Files:
             self._file.commit()
             self.summaries = (*self.summaries[:-1], self._file.committed)
             self._file.finish(self._metadata(whole=False))
+            self._manifests.append(self._file.manifest())
             self._file = None
+            self._write_manifest()
 
     def finish(self) -> None:
         """Finish the bag."""
@@ -280,6 +296,7 @@ class _Files:
         if self._file is not None:
             with suppress(OSError):
                 self._file.close_off()
+            self._manifests.append(self._file.manifest())
         self._file = None
         with suppress(Exception):
             self._write_metadata()
@@ -292,13 +309,25 @@ class _Files:
         return metadata_text(self.summaries, list(self.topics.values()), self._custom_data, whole)
 
     def _write_metadata(self) -> None:
-        temporary, here = f".{METADATA_NAME}.new", self._descriptor
+        text = self._metadata()
+        self._replace(METADATA_NAME, text)
+        self._write_manifest(hashed_text(METADATA_NAME, text))
+
+    def _write_manifest(self, *more: FileManifest) -> None:
+        """Write the hashes of the files that are closed."""
+        if self._options.manifest:
+            files = [*self._manifests, *more]
+            found = manifest_of(self._folder.name, files, self._custom_data, self._attachments, self.clock)
+            self._replace(MANIFEST_NAME, found.text())
+
+    def _replace(self, name: str, text: str) -> None:
+        temporary, here = f".{name}.new", self._descriptor
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644, dir_fd=here)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(self._metadata())
+            stream.write(text)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(temporary, METADATA_NAME, src_dir_fd=here, dst_dir_fd=here)
+        os.replace(temporary, name, src_dir_fd=here, dst_dir_fd=here)
         os.fsync(here)
 
 

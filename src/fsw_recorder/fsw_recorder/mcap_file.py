@@ -18,7 +18,7 @@ from pathlib import Path
 
 import lz4.frame
 import zstandard
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Schema
@@ -143,6 +143,15 @@ class McapFile:
         self._pieces.append(
             _Piece(start_ns, end_ns, data_begin, cut_end, compression, content_size, crc, cut_end < data_end)
         )
+
+    def definitions(self) -> bytes:
+        """Records of all schemas and channels, as far as they were read."""
+        builder = RecordBuilder()
+        for schema in self._schemas.values():
+            schema.write(builder)
+        for channel in self._channels.values():
+            channel.write(builder)
+        return bytes(builder.end())
 
     def topics(self) -> list[RecordedTopic]:
         """All topics of the file."""

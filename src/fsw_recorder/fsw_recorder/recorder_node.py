@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
+from threading import Thread
 from typing import Any
 
 import rclpy
@@ -23,7 +24,10 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
+from fsw_recorder import after_recording
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
@@ -62,6 +66,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._depth: int = values["queue_depth"]
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
+        self._on_finished: list[str] = list(values["on_finished"])
+        after_recording.check(self._on_finished)
         self.writer = self._make_writer(values)
         self._make_services()
         self._diagnostics = DiagnosticsPublisher(self)
@@ -89,6 +95,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         writer.is_paused = values["start_paused"]
         for name, data in attachments:
             writer.attach(name, media_type(name), data)
+        if options.manifest:  # the programs that tell may take seconds to answer
+            Thread(target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True).start()
         return writer
 
     def _make_services(self) -> None:
@@ -192,6 +200,11 @@ class RecorderNode(Node):  # type: ignore[misc]
         else:
             missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
             logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
+        if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
+            try:
+                after_recording.start(self._on_finished, self.writer.folder)
+            except OSError as error:
+                logger.error(f"on_finished cannot be started: {error.strerror}; the bag is unharmed")
         super().destroy_node()
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
 from fsw_recorder.errors import BagError
 
 _DISTRIBUTIONS = ("fsw-control", "rclpy-embedded", "mcap", "numpy", "casadi", "cyclonedds", "rosbags")
+#: packages that decide what is commanded, with the suffixes of their sources
+_PACKAGES = ("fsw_control", "fsw_model", "fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_plant", "fsw_scenario")
+_SOURCES = (".py", ".yaml", ".c", ".h")
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024
 _MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json": "application/json"}
 
@@ -30,7 +35,7 @@ def free_sibling(folder: Path) -> Path:
 
 
 def versions_text() -> bytes:
-    """Contents of the attachment ``versions.json``: Python, ROS distribution, packages."""
+    """Contents of the attachment ``versions.json``: Python, ROS distribution, packages, hashes of our code."""
     found = {
         "python": platform.python_version(),
         "system": platform.system(),
@@ -41,7 +46,20 @@ def versions_text() -> bytes:
             found[name] = version(name)
         except PackageNotFoundError:
             continue
+    found |= {f"code of {name}": _code_sha256(name) for name in _PACKAGES if find_spec(name) is not None}
     return json.dumps(found, indent=2).encode()
+
+
+def _code_sha256(package: str) -> str:
+    """Hash of the source files of a package, by path and content: which code controlled, whatever its version says."""
+    spec = find_spec(package)
+    total = hashlib.sha256()
+    for folder in spec.submodule_search_locations or () if spec else ():
+        for path in sorted(Path(folder).rglob("*")):
+            if path.suffix in _SOURCES and path.is_file():
+                total.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\0".encode())
+                total.update(path.read_bytes())
+    return total.hexdigest()
 
 
 def read_attachment(path: str) -> bytes:

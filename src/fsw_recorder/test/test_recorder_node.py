@@ -23,7 +23,7 @@ from fsw_recorder.bag_file import BagFile
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
-from fsw_recorder.recorder_node import RecorderNode
+from fsw_recorder.recorder_node import RecorderNode, main
 from fsw_test_support.bags import decoder
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -288,20 +288,33 @@ def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
     assert code == 1 and "moved or deleted" in output
 
 
+def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Path) -> None:
+    (tmp_path / "existing").mkdir()
+    code, output = graph.end(graph.start(RECORDER, "--ros-args", "-p", "output:=existing", cwd=tmp_path))
+    assert code == 2 and "exists already" in output and output.count("\n") == 1
+    assert [one.name for one in tmp_path.iterdir()] == ["existing"]
+
+
+@pytest.mark.usefixtures("domain_id")
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        (["output:=existing"], "exists already"),
         (["output:=b", "scenario:=missing.yaml"], "missing.yaml"),
         (["output:=c", "chunk_period:=7.0"], "chunk_period"),
     ],
 )
-def test_bad_parameters_are_one_line(graph: Any, tmp_path: Path, parameters: list[str], text: str) -> None:
-    (tmp_path / "existing").mkdir()
-    arguments = [word for parameter in parameters for word in ("-p", parameter)]
-    code, output = graph.end(graph.start(RECORDER, "--ros-args", *arguments, cwd=tmp_path))
-    assert code == 2 and text in output and output.count("\n") == 1
-    assert [one.name for one in tmp_path.iterdir()] == ["existing"]
+def test_bad_parameters_are_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    parameters: list[str],
+    text: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["recorder", "--ros-args", *(word for parameter in parameters for word in ("-p", parameter))]) == 2
+    told = "".join(capfd.readouterr())
+    assert text in told and told.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.requirement("S22")

@@ -13,6 +13,7 @@ from std_msgs.msg import Float64, String
 
 from fsw_control.topics_ros import LATEST
 from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.replay_node import main
 from fsw_test_support.bags import decoder
 
 pytestmark = pytest.mark.slow
@@ -110,15 +111,18 @@ def test_offset_selection_remapping_and_loop(graph: Any, genuine: Path) -> None:
     assert listener.clock_ns == []
 
 
+def test_a_bag_that_is_missing_ends_the_start_with_one_line(graph: Any, tmp_path: Path) -> None:
+    code, output = graph.end(graph.start(REPLAY, "missing", cwd=tmp_path))
+    assert code == 2 and "no such bag" in output and output.count("\n") == 1
+
+
+@pytest.mark.usefixtures("domain_id")
 @pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["missing"], "no such bag"),
-        ([], "no bag given"),
-        (["{bag}", "--ros-args", "-p", "clock:=recorded"], "no /clock"),
-    ],
+    ("arguments", "text"), [([], "no bag given"), (["{bag}", "--ros-args", "-p", "clock:=recorded"], "no /clock")]
 )
-def test_bad_arguments_are_one_line(graph: Any, genuine: Path, tmp_path: Path, arguments: list[str], text: str) -> None:
-    words = [word.format(bag=genuine / "mcap_default") for word in arguments]
-    code, output = graph.end(graph.start(REPLAY, *words, cwd=tmp_path))
-    assert code == 2 and text in output and output.count("\n") == 1
+def test_bad_arguments_are_one_line(
+    genuine: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], text: str
+) -> None:
+    assert main(["replay", *(word.format(bag=genuine / "mcap_default") for word in arguments)]) == 2
+    told = "".join(capfd.readouterr())
+    assert text in told and told.count("\n") == 1

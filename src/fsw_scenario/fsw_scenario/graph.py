@@ -10,8 +10,9 @@ from typing import Any
 
 import yaml
 
-from fsw_control.parameters import validate
+from fsw_control.parameters import defaults, load, validate
 from fsw_plant.config import specs as plant_parameters
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
@@ -44,6 +45,7 @@ class WeldGraph:
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
     monitor: bool = False  #: whether the weld is watched by the monitor
+    procedure: str = ""  #: that it is welded by: YAML file, or name of a shipped one; empty: none
     #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -85,6 +87,8 @@ class WeldGraph:
             launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
         if self.monitor:
             launcher.start("monitor", "fsw_quality.monitor_node", ros_args)
+        if self.procedure:
+            launcher.start("procedure", "fsw_quality.procedure_node", ros_args)
         return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
@@ -111,6 +115,10 @@ class WeldGraph:
         for name in names:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
             nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
+        if self.procedure:
+            supervisor = defaults(load("fsw_supervisor", "supervisor.yaml"))
+            for name, values in graph_parameters(self.procedure, supervisor).items():
+                nodes[name] = nodes.get(name, {}) | values
         if self.scenario.open_loop:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
         if self.standby:

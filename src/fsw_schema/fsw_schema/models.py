@@ -7,6 +7,7 @@ definition come the check, the error texts, the JSON Schema and the reference pa
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -143,6 +144,20 @@ def content_of(text: str, where: str) -> Any:
         raise InputError(f"{where}{line}: not valid YAML: {error.problem or 'broken'}") from None
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def json_content_of(text: str, where: str) -> Any:
+    """Content of JSON text.
+
+    Raises
+    ------
+    InputError
+        If it is not valid; the message says where.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: not valid JSON: {error}") from None
 
 
 def shipped_names(folder: Path) -> list[str]:

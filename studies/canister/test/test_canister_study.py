@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from canister import report, validation, verdict
+from canister import command, properties, report, validation, verdict
 
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
@@ -73,12 +73,13 @@ def test_the_summary_counts_welds_that_are_good_in_all_phases_and_those_that_sto
 
 def test_canisters_beyond_the_drives_and_those_on_which_the_nmpc_goes_astray_are_named():
     rows = [made(index, controller, True) for index in (4, 5) for controller in report.CONTROLLERS]
-    for row in rows[:4]:
+    count = len(report.CONTROLLERS)
+    for row in rows[:count]:
         row["fastest_s"] = 1800.0
-    rows[4]["fastest_s"] = 1800.0  # of one controller alone
+    rows[count]["fastest_s"] = 1800.0  # of one controller alone
     rows.append(made(5, "nmpc:default", False, "downward") | {"temperature_peak_c": 33.0})
     found = report.summary(rows)
-    assert list(found["saturated"]) == [4] and len(found["saturated"][4]) == 4
+    assert list(found["saturated"]) == [4] and len(found["saturated"][4]) == count
     assert found["astray"] == {5: 33.0}
     assert found["bad"] == {"all": 1, "long": 0}
     assert report.beyond(found["saturated"])[1] == ["4, `nmpc:default`", "30", "6.0", "6.00"]
@@ -113,9 +114,49 @@ def test_a_single_lag_is_found_again():
 
 def test_an_experiment_begins_after_the_welding_before_it():
     scenario = validation.experiment(0.0, 100.0)
-    assert scenario.duration_s == 400.0
+    assert scenario.duration_s == 700.0
     assert [event.at_s for event in scenario.events[:2]] == [0.0, 105.0]
-    assert scenario.path[1].arc_mm == pytest.approx(400.0 * 86.0 / 60.0, abs=0.01)
+    assert scenario.path[1].arc_mm == pytest.approx(700.0 * 86.0 / 60.0, abs=0.01)
+
+
+def copper():
+    """Of welds at constant temperatures, the joint line from 4 s on."""
+    courses = {"real": [800.0] * 4, "kirchhoff": [815.0, 810.0, 812.0, 820.0], "constant": [795.0] * 4}
+    phases = ["dwell", "downward", "joint_line", "joint_line"]
+    return {
+        "power_kw": 47.0,
+        "reference_c": 275.0,
+        "at_s": [1.0, 2.0, 3.0, 4.0],
+        "phase": phases,
+        "stir_zone_c": courses,
+    }
+
+
+def test_what_linear_copper_costs_is_told_by_phase():
+    assert report.worst_copper(copper(), "kirchhoff", "joint_line") == [12.0, 20.0]
+    header, real, transformed, constant = report.coppers(copper())
+    assert header == ["stir zone [°C]", "end of the dwell", "end of the downward"]
+    assert real[1:] == ["800", "800"] and transformed[1:] == ["+15.0", "+10.0"] and constant[1:] == ["-5.0", "-5.0"]
+
+
+@pytest.mark.slow
+def test_the_linear_models_of_copper_are_put_beside_copper_as_it_is():
+    """On a small canister, a minute from cold: what k(T), c(T) and radiation change grows with the temperature."""
+    pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
+    small = {"outer_radius_mm": 250.0, "tube_mm": 400.0, "modes": 25, "element_mm": 12.5}
+    found = properties.properties(0.5, changes=small)
+    real, transformed, constant = (np.array(found["stir_zone_c"][name]) for name in properties.MODELS)
+    assert found["at_s"][-1] == 28.0 or found["at_s"][-1] == 32.0
+    assert set(found["phase"]) == {"dwell"}
+    assert 300.0 < real[-1] < 700.0 and (np.diff(real) > 0.0).all()
+    for one in (transformed, constant):
+        assert 0.5 < np.abs(one - real).max() < 0.06 * (real[-1] - 20.0)
+
+
+def test_a_missing_part_of_the_study_is_told_in_one_line(tmp_path):
+    (tmp_path / "welds_0.jsonl").write_text("")
+    with pytest.raises(InputError, match=r"validation.json: not there or damaged; run the part validate first"):
+        command.main(["page", "--out", str(tmp_path)])
 
 
 def test_the_page_is_written(tmp_path):
@@ -128,7 +169,16 @@ def test_the_page_is_written(tmp_path):
     }
     known = {"lid, early": {name: (1.0, 0.1) for name in validation.THERMAL}}
     rows = [made(0, controller, True) for controller in report.CONTROLLERS]
-    reduced = {"states": 9, "largest_c": 0.3, "rms_c": 0.1, "phases_c": {"downward": 0.3}}
+    reduced = {
+        "states": 9,
+        "largest_c": 0.3,
+        "rms_c": 0.1,
+        "phases_c": {"downward": 0.3},
+        "fine_states": 99,
+        "element_mm": 12.0,
+        "modes": 64,
+        "from_fine_c": 0.1,
+    }
     reduced |= {"minutes": [0.0, 45.0], "wrong_c": [0.1, -0.1]}
     data = {
         "validation": {
@@ -136,11 +186,16 @@ def test_the_page_is_written(tmp_path):
             "steps": {"paper (16)": lags, "lid": lags},
             "identified": known,
             "weld": weld,
+            "compact": [{"tolerance_k": 0.03, "states": 9, "largest_c": {"86": 0.1}}],
         },
+        "properties": copper(),
         "verdict": report.summary(json.loads(json.dumps(rows))),
     }
     data["verdict"]["phases"] |= {name: data["verdict"]["phases"]["joint_line"] for name in report.PHASES}
-    first, verdict_page, figure = report.write(data, tmp_path)
-    assert "| **all phases** | 1 of 1 | 1 of 1 | 1 of 1 | 1 of 1 |" in verdict_page.read_text()
+    first, figure, verdict_page, shares = report.write(data, tmp_path)
+    assert "| **all phases** | 1 of 1, 21 to 100 % | 1 of 1, 21" in verdict_page.read_text()
     assert "stir zone | 0.30" in first.read_text()
-    assert figure.stat().st_size > 10_000
+    assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
+    data["verdict"], folder = report.summary([]), tmp_path / "plant"  # nothing was welded
+    folder.mkdir()
+    assert report.write(data, folder) == [folder / "canister.md", folder / "canister.png"]

@@ -57,6 +57,25 @@ class ActionEntity(Waitable):
         self._endpoints.append(endpoint)
         return endpoint
 
+    def _open_services(
+        self, kind: Any, goal: QoSProfile, cancel: QoSProfile, result: QoSProfile, **options: Any
+    ) -> dict[str, Any]:
+        """Make the services, or the clients of these, with a profile for each."""
+        impl = self._action_type.Impl
+        return {
+            "goal": self._open(kind, impl.SendGoalService, "send_goal", goal, **options),
+            "cancel": self._open(kind, impl.CancelGoalService, "cancel_goal", cancel, **options),
+            "result": self._open(kind, impl.GetResultService, "get_result", result, **options),
+        }
+
+    def _open_topics(self, kind: Any, feedback: QoSProfile, status: QoSProfile, **options: Any) -> tuple[Any, Any]:
+        """Make the publishers, or the subscriptions, with a profile for each: feedback and status."""
+        impl = self._action_type.Impl
+        return (
+            self._open(kind, impl.FeedbackMessage, "feedback", feedback, **options),
+            self._open(kind, impl.GoalStatusMessage, "status", status, **options),
+        )
+
     def _attach(self) -> None:
         """Let the executor wait for this entity; InvalidHandle if another thread has destroyed the node meanwhile."""
         self._node.add_waitable(self)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 import uuid
 import weakref
 from collections.abc import Callable
@@ -17,18 +16,11 @@ from rclpy.executors import await_or_execute
 from rclpy.qos import QoSProfile, qos_profile_action_status_default, qos_profile_services_default
 from rclpy.subscription import Subscription
 from rclpy.task import Future
+from rclpy.utilities import wait_until
 from rclpy.waitable import NumberOfEntities
 from unique_identifier_msgs.msg import UUID
 
-_POLL_S = 0.01
 _TERMINAL = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
-
-
-def _wait(future: Future) -> Any:
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    done.wait()
-    return future.result()
 
 
 class ClientGoalHandle:
@@ -70,7 +62,7 @@ class ClientGoalHandle:
 
     def cancel_goal(self) -> Any:
         """Ask for cancellation and wait for the response. Not for use in callbacks: it would block the executor."""
-        return _wait(self.cancel_goal_async())
+        return self.cancel_goal_async()._wait()
 
     def cancel_goal_async(self) -> Future:
         """Ask for cancellation; the future completes with the response."""
@@ -78,7 +70,7 @@ class ClientGoalHandle:
 
     def get_result(self) -> Any:
         """Ask for the result and wait for it. Not for use in callbacks: it would block the executor."""
-        return _wait(self.get_result_async())
+        return self.get_result_async()._wait()
 
     def get_result_async(self) -> Future:
         """Ask for the result; the future completes with status and result once the goal has ended."""
@@ -107,20 +99,10 @@ class ActionClient(ActionEntity):
         # By the bytes of the goal's UUID.
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
-        impl: Any = action_type.Impl
-        clients = {
-            "goal": (impl.SendGoalService, "send_goal", goal_service_qos_profile),
-            "cancel": (impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
-            "result": (impl.GetResultService, "get_result", result_service_qos_profile),
-        }
-        self._clients: dict[str, Client] = {
-            key: self._open(Client, *arguments, context=node.context) for key, arguments in clients.items()
-        }
-        options: dict[str, Any] = {"callback": lambda _: None, "raw": False}
-        feedback = impl.FeedbackMessage, "feedback", feedback_sub_qos_profile
-        self._feedback: Subscription = self._open(Subscription, *feedback, **options)
-        status = impl.GoalStatusMessage, "status", status_sub_qos_profile
-        self._status: Subscription = self._open(Subscription, *status, **options)
+        services = goal_service_qos_profile, cancel_service_qos_profile, result_service_qos_profile
+        self._clients: dict[str, Client] = self._open_services(Client, *services, context=node.context)
+        topics = feedback_sub_qos_profile, status_sub_qos_profile
+        self._feedback, self._status = self._open_topics(Subscription, *topics, callback=lambda _: None, raw=False)
         self._attach()
 
     def get_num_entities(self) -> NumberOfEntities:
@@ -208,8 +190,7 @@ class ActionClient(ActionEntity):
 
         The arguments are those of `send_goal_async`.
         """
-        goal_handle = _wait(self.send_goal_async(goal, **kwargs))
-        return goal_handle.get_result()
+        return self.send_goal_async(goal, **kwargs)._wait().get_result()
 
     def send_goal_async(
         self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None
@@ -243,9 +224,4 @@ class ActionClient(ActionEntity):
 
     def wait_for_server(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""
-        deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
-        while not self.server_is_ready():
-            if not self._node.context.ok() or (deadline is not None and time.monotonic() >= deadline):
-                return False
-            time.sleep(_POLL_S)
-        return True
+        return wait_until(self.server_is_ready, timeout_sec, self._node.context)

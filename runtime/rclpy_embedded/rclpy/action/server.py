@@ -202,20 +202,11 @@ class ActionServer(ActionEntity):
         self.register_execute_callback(execute_callback)
         if self._result_timeout_ns < 0:
             raise ValueError(f"result_timeout must not be negative, got {result_timeout}")
-        impl: Any = action_type.Impl
-        services = {
-            "goal": (impl.SendGoalService, "send_goal", goal_service_qos_profile),
-            "cancel": (impl.CancelGoalService, "cancel_goal", cancel_service_qos_profile),
-            "result": (impl.GetResultService, "get_result", result_service_qos_profile),
-        }
         # Requests are taken by this class: most responses follow later than a service's callback returns.
-        self._services: dict[str, Service] = {
-            key: self._open(Service, *arguments, callback=lambda *_: None) for key, arguments in services.items()
-        }
-        feedback = impl.FeedbackMessage, "feedback", feedback_pub_qos_profile
-        self._feedback_publisher: Publisher = self._open(Publisher, *feedback)
-        status = impl.GoalStatusMessage, "status", status_pub_qos_profile
-        self._status_publisher: Publisher = self._open(Publisher, *status)
+        services = goal_service_qos_profile, cancel_service_qos_profile, result_service_qos_profile
+        self._services: dict[str, Service] = self._open_services(Service, *services, callback=lambda *_: None)
+        topics = feedback_pub_qos_profile, status_pub_qos_profile
+        self._feedback_publisher, self._status_publisher = self._open_topics(Publisher, *topics)
         timeout_sec = self._result_timeout_ns / S_TO_NS
         self._expire_timer = node.create_timer(timeout_sec, self._expire_goals, self.callback_group, autostart=False)
         self._attach()

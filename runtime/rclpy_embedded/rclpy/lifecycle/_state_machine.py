@@ -19,19 +19,18 @@ _STATES: dict[int, str] = {
     for name in names
 }
 _IDS = {name: state_id for state_id, name in _STATES.items()}
-#: Identifier, label, and the identifiers of the states it starts from and leads to.
-_Transition = tuple[int, str, int, int]
+#: Identifier and label, those of the state it starts from, and those of the one it leads to.
+_Transition = tuple[int, str, int, str, int, str]
+
+
+def _transition(constant: str, label: str, start: str, goal: str) -> _Transition:
+    return getattr(Transition, f"TRANSITION_{constant}"), label, _IDS[start], start, _IDS[goal], goal
 
 
 def _outcomes(name: str, start: str, success: str, failure: str, error: str = "errorprocessing") -> list[_Transition]:
     goals = {"success": success, "failure": failure, "error": error}
     return [
-        (
-            getattr(Transition, f"TRANSITION_ON_{name}_{outcome.upper()}"),
-            f"transition_{outcome}",
-            _IDS[start],
-            _IDS[goal],
-        )
+        _transition(f"ON_{name}_{outcome.upper()}", f"transition_{outcome}", start, goal)
         for outcome, goal in goals.items()
     ]
 
@@ -44,11 +43,10 @@ def _transitions() -> list[_Transition]:
         ("activate", "inactive", "activating", "active"),
         ("deactivate", "active", "deactivating", "inactive"),
     ):
-        found.append((getattr(Transition, f"TRANSITION_{label.upper()}"), label, _IDS[start], _IDS[during]))
+        found.append(_transition(label.upper(), label, start, during))
         found += _outcomes(label.upper(), during, success, start)
     for start in ("unconfigured", "inactive", "active"):
-        number: int = getattr(Transition, f"TRANSITION_{start.upper()}_SHUTDOWN")
-        found.append((number, "shutdown", _IDS[start], _IDS["shuttingdown"]))
+        found.append(_transition(f"{start.upper()}_SHUTDOWN", "shutdown", start, "shuttingdown"))
     found += _outcomes("SHUTDOWN", "shuttingdown", "finalized", "finalized")
     return found + _outcomes("ERROR", "errorprocessing", "unconfigured", "finalized", "finalized")
 
@@ -76,16 +74,14 @@ class LifecycleStateMachine:
         return list(_STATES.items())
 
     @property
-    def transition_graph(self) -> list[tuple[int, str, int, str, int, str]]:
+    def transition_graph(self) -> list[_Transition]:
         """All transitions: identifier and label of itself, of the state it starts from and of the one it leads to."""
-        return [
-            (number, label, start, _STATES[start], goal, _STATES[goal]) for number, label, start, goal in _TRANSITIONS
-        ]
+        return list(_TRANSITIONS)
 
     @property
-    def available_transitions(self) -> list[tuple[int, str, int, str, int, str]]:
+    def available_transitions(self) -> list[_Transition]:
         """Those that start from the present state."""
-        return [transition for transition in self.transition_graph if transition[2] == self._state]
+        return [transition for transition in _TRANSITIONS if transition[2] == self._state]
 
     def get_transition_by_label(self, label: str) -> int:
         """Return the identifier of a transition that starts from the present state; RCLError if there is none."""

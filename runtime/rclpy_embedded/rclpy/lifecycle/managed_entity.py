@@ -25,29 +25,33 @@ class TransitionCallbackReturn(IntEnum):
 class ManagedEntity:
     """Base class: a callback for each transition, which takes the previous state."""
 
+    def _by_default(self, callback: str, state: Any) -> TransitionCallbackReturn:
+        """Do what a callback does that is not overridden."""
+        return TransitionCallbackReturn.SUCCESS
+
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Configure."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_configure", state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
         """Undo the configuration."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_cleanup", state)
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
         """Shut down."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_shutdown", state)
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Activate."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_activate", state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
         """Deactivate."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_deactivate", state)
 
     def on_error(self, state: Any) -> TransitionCallbackReturn:
         """Clean up after an error: success leads to the state unconfigured, all else to finalized."""
-        return TransitionCallbackReturn.SUCCESS
+        return self._by_default("on_error", state)
 
 
 class SimpleManagedEntity(ManagedEntity):

@@ -25,11 +25,6 @@ _CALLBACKS = {
     State.TRANSITION_STATE_DEACTIVATING: "on_deactivate",
     State.TRANSITION_STATE_ERRORPROCESSING: "on_error",
 }
-_SHUTDOWNS = {
-    "unconfigured": Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
-    "inactive": Transition.TRANSITION_INACTIVE_SHUTDOWN,
-    "active": Transition.TRANSITION_ACTIVE_SHUTDOWN,
-}
 
 
 class LifecycleState(NamedTuple):
@@ -53,7 +48,9 @@ def _described(transitions: list[tuple[int, str, int, str, int, str]]) -> list[A
 class LifecycleNodeMixin(ManagedEntity):
     """Makes a Node a managed one, together with which it is inherited.
 
-    Without `enable_communication_interface` it has no services; `callback_group` is the group of these.
+    Each callback of a transition calls those of the managed entities, up to the first one that does not succeed; call
+    it in an override. Without `enable_communication_interface` the node has no services for transitions;
+    `callback_group` is the group of these.
     """
 
     get_logger: Any
@@ -109,10 +106,7 @@ class LifecycleNodeMixin(ManagedEntity):
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
         """Shut down; as `trigger_configure`."""
-        label = self._state_machine.current_state[1]
-        if label not in _SHUTDOWNS:
-            raise RCLError(f"Shutdown transition not possible in state {label}")
-        return self.__change_state(_SHUTDOWNS[label])
+        return self.__change_state(self._state_machine.get_transition_by_label("shutdown"))
 
     def __change_state(self, transition_id: int) -> TransitionCallbackReturn:
         state_id, label = self._state_machine.current_state
@@ -147,38 +141,15 @@ class LifecycleNodeMixin(ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._managed_entities[entity] = None
 
-    def __call_entities(self, name: str, state: LifecycleState) -> TransitionCallbackReturn:
+    def _by_default(self, callback: str, state: LifecycleState) -> TransitionCallbackReturn:
+        """Call the managed entities, up to the first one that does not succeed; return what the last one returned."""
         for entity in list(self._managed_entities):
-            returned = getattr(entity, name)(state)
+            returned = getattr(entity, callback)(state)
             if not isinstance(returned, TransitionCallbackReturn):
-                raise TypeError(f"{name}() of {entity!r} returned {returned!r}, not a TransitionCallbackReturn")
+                raise TypeError(f"{callback}() of {entity!r} returned {returned!r}, not a TransitionCallbackReturn")
             if returned != TransitionCallbackReturn.SUCCESS:
                 return returned
         return TransitionCallbackReturn.SUCCESS
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the managed entities, up to the first one that does not succeed; call it in an override."""
-        return self.__call_entities("on_configure", state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Undo the configuration of the managed entities; as `on_configure`."""
-        return self.__call_entities("on_cleanup", state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Shut down the managed entities; as `on_configure`."""
-        return self.__call_entities("on_shutdown", state)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate the managed entities; as `on_configure`."""
-        return self.__call_entities("on_activate", state)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate the managed entities; as `on_configure`."""
-        return self.__call_entities("on_deactivate", state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Have the managed entities clean up after an error; as `on_configure`."""
-        return self.__call_entities("on_error", state)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
         """Create a publisher that sends only while the node is active; arguments as those of ``create_publisher``."""

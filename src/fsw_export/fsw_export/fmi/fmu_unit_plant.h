@@ -1,13 +1,12 @@
-/* Memory of the plant. */
+/* Memory of the plant, and what it asks of its process. */
 #ifndef FMU_UNIT_H
 #define FMU_UNIT_H
 
-#include "process.h"
+#include "fmu_process.h"
 
 typedef struct {
-  double x[PROCESS_STATES];
-  double power[PROCESS_DELAY][PROCESS_POWER]; /* power on its way through the dead time, oldest first */
-  double setpoint[2], position[2];            /* of the drives: force, speed */
+  fmu_process process;
+  double setpoint[2], position[2]; /* of the drives: force, speed */
 } fmu_unit;
 
 #endif

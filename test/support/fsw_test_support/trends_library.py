@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from fsw_hmi import npm
-from fsw_hmi import uplot as page_uplot
+from fsw_hmi import npm, trends_library
 
 
 @pytest.fixture(scope="session")
 def uplot() -> Path:
     """The folder of uPlot's files."""
     try:
-        return page_uplot.install()
+        return trends_library.install()
     except npm.NpmError as error:
         pytest.skip(f"uPlot: {error}")

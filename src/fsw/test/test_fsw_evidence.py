@@ -1,0 +1,101 @@
+"""The commands on evidence: keys, attested bags, their chain; what is wrong is said in one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from fsw.main import main
+from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_test_support.sample_weld import sample_messages, sample_topics
+
+pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
+
+
+def weld(folder: Path, shift_ns: int = 0) -> Path:
+    with BagWriter(folder, WriterOptions(manifest=True), {"canister": folder.name}) as writer:
+        for topic in sample_topics():
+            writer.add_topic(topic)
+        for count, (name, time_ns, data) in enumerate(sample_messages(20)):
+            writer.write(name, data, time_ns + shift_ns, time_ns + shift_ns)
+            if count % 50 == 0:
+                writer.flush()
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    return tmp_path / "config" / "fsw-control"
+
+
+def run(*words: object) -> int:
+    return main(["bag", *map(str, words)])
+
+
+def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    chain, bags = tmp_path / "chain", [weld(tmp_path / f"C-{number}", number) for number in (1, 2)]
+    assert run("attest", bags[0], "--chain", chain) == 1
+    assert "make one with 'fsw.py bag keygen'" in capsys.readouterr().err
+    assert run("keygen") == 0
+    assert (config / "evidence_key").exists() and "SHA256:" in capsys.readouterr().out
+    assert run("attest", *bags, "--chain", chain, "--procedure", "copper_lid") == 0
+    assert "C-2: attested as weld 2" in capsys.readouterr().out
+    assert run("verify-evidence", *bags, "--chain", chain) == 0
+    out = capsys.readouterr().out
+    assert "intact, 2 welds, the last is 2: " in out and "weld 1; procedure copper_lid revision A; canister C-1" in out
+    assert run("verify-evidence", "--chain", chain) == 0
+
+
+def test_damage_is_told_and_what_is_proven_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = weld(tmp_path / "C-1")
+    assert run("keygen", tmp_path / "key") == 0
+    assert run("attest", bag, "--chain", tmp_path / "chain", "--key", tmp_path / "key") == 0
+    file = bag / "C-1_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    capsys.readouterr()
+    words = ("--key", tmp_path / "key.pub", "--json", tmp_path / "found.json")
+    assert run("verify-evidence", bag, *words) == 1
+    assert "C-1_0.mcap: chunk " in capsys.readouterr().out
+    [finding] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
+    assert finding["file"] == "C-1_0.mcap" and len(finding["pieces"]) == 1
+    assert run("recover", bag, tmp_path / "proven", "--proven") == 0
+    said = capsys.readouterr()
+    assert "chunks and attachments proven" in said.out and "chunk " in said.err
+    assert run("info", tmp_path / "proven") == 0
+    assert run("recover", bag, tmp_path / "more", "--proven", "--zstd") == 1
+    assert run("recover", bag, tmp_path / "all") == 0
+    assert "stays so with --proven" in capsys.readouterr().err
+
+
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag, key, chain = weld(tmp_path / "C-1"), tmp_path / "key", tmp_path / "chain"
+    assert run("keygen", key) == 0
+    open_key = tmp_path / "open_key"
+    shutil.copyfile(key, open_key)
+    open_key.chmod(0o644)
+    capsys.readouterr()
+    for words, said in (
+        (("keygen", key), "a key is never replaced"),
+        (("attest", bag, "--chain", chain, "--key", open_key), "others may read or change it (mode 644); chmod 600"),
+        (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "others may read"),
+        (("attest", tmp_path / "none", "--chain", chain, "--key", key), "is not the folder of a bag"),
+        (("attest", bag, "--chain", chain, "--key", key, "--procedure", "no_such"), "cannot read procedure no_such"),
+        (("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"), "No such file"),
+        (("verify-evidence",), "give bags, or --chain, or both"),
+        (("verify-evidence", bag), "evidence_key.pub: No such file"),
+        (("verify-evidence", bag, bag, "--with", "x", "--key", f"{key}.pub"), "--with needs exactly one bag"),
+        (("recover", bag / "C-1_0.mcap", tmp_path / "new", "--proven"), "nothing can be proven without manifest.json"),
+    ):
+        assert run(*words) == 1
+        error = capsys.readouterr().err.strip()
+        assert said in error and "\n" not in error, words
+    assert run("verify-evidence", bag, "--key", f"{key}.pub") == 1  # never attested
+    assert "attestation.json: " in capsys.readouterr().out
+    assert run("verify-evidence", "--chain", tmp_path / "no_chain", "--key", f"{key}.pub") == 1
+    assert "there is no attested weld in it" in capsys.readouterr().out

@@ -1,0 +1,132 @@
+"""What the models of the canister's heat have in common: the state, the tool's position, and checked inputs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_canister.copper import Kirchhoff
+from fsw_canister.parameters import CanisterParameters
+from fsw_schema.models import InputError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class CanisterState:
+    """Heat in the canister and where the tool is.
+
+    Attributes
+    ----------
+    modes : (states,) array
+        Amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones in the tool's frame.
+    angle_rad, axial_mm : float
+        Place of the tool: around the canister from its start, and above the joint line.
+    power_kw : float
+        Power of the last step.
+    """
+
+    modes: Complex | Array
+    angle_rad: float = 0.0
+    axial_mm: float = 0.0
+    power_kw: float = 0.0
+
+    def copy(self) -> CanisterState:
+        """Independent copy."""
+        return replace(self, modes=self.modes.copy())
+
+
+class HeatModel(ABC):
+    """Heat in the canister about the tool, stepped for inputs that are held.
+
+    Parameters
+    ----------
+    parameters : CanisterParameters
+    axial_mm : (positions,) array
+        Evenly spaced positions, for which the next are tabulated.
+    source, rim : (positions, n) arrays
+        Heat of 1 kW into the states, and the stir zone's temperature of them.
+    rest_k_per_kw : (positions,) array
+        What answers at once.
+    """
+
+    def __init__(
+        self, parameters: CanisterParameters, axial_mm: Array, source: Array, rim: Array, rest_k_per_kw: Array
+    ) -> None:
+        self.parameters, self.copper = parameters, Kirchhoff(parameters)
+        self._axial_mm, self._source, self._rim, self._rest = axial_mm, source, rim, rest_k_per_kw
+        self._table = (float("nan"), (np.zeros(0), np.zeros(0), 0.0))
+
+    @abstractmethod
+    def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
+        """A canister at the ambient temperature everywhere."""
+
+    @abstractmethod
+    def step(
+        self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
+    ) -> CanisterState:
+        """State after a step, with the inputs held.
+
+        Parameters
+        ----------
+        state : CanisterState
+        power_kw : float
+            Power (24), tool's share included.
+        traverse_mm_per_s : float
+            At the outer surface; backwards if negative.
+        axial_mm : float
+            Tool's position above the joint line.
+        dt_s : float
+
+        Raises
+        ------
+        fsw_schema.models.InputError
+            If an input is not finite, the tool is off the copper or the step is not positive.
+        """
+
+    @abstractmethod
+    def stir_zone_temperature_c(self, state: CanisterState) -> float:
+        """Mean temperature at the probe's rim; it takes the place of the copper's temperature of (16)."""
+
+    def _checked(self, axial_mm: float) -> float:
+        low, high = self.parameters.lowest_mm, self.parameters.highest_mm
+        if not low - 1e-9 <= axial_mm <= high + 1e-9:
+            raise InputError(
+                f"canister: tool at {axial_mm:g} mm is off the copper; {low:g} to {high:g} mm above the joint"
+            )
+        return axial_mm
+
+    def _check(self, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float) -> None:
+        """Refuse inputs of a step that make no sense."""
+        if not isfinite(power_kw + traverse_mm_per_s + axial_mm):
+            raise InputError(
+                f"canister: power {power_kw} kW, traverse {traverse_mm_per_s} mm/s, position {axial_mm} mm: not finite"
+            )
+        if not 0.0 < dt_s < 1e6:
+            raise InputError(f"canister: step of {dt_s} s; must be above 0")
+
+    def _at(self, axial_mm: float) -> tuple[Array, Array, float]:
+        """Source, rim and what is left out there for a position, by cubics through the table."""
+        if axial_mm != self._table[0]:
+            self._checked(axial_mm)
+            grid = self._axial_mm
+            at = (axial_mm - grid[0]) / (grid[1] - grid[0])
+            first = min(max(int(at) - 1, 0), len(grid) - 4)
+            x = at - first
+            weights = np.array(
+                [
+                    (1 - x) * (x - 2) * (x - 3) / 6,
+                    x * (x - 2) * (x - 3) / 2,
+                    -x * (x - 1) * (x - 3) / 2,
+                    x * (x - 1) * (x - 2) / 6,
+                ]
+            )
+            near = slice(first, first + 4)
+            rest = float(weights @ self._rest[near])
+            self._table = (axial_mm, (weights @ self._source[near], weights @ self._rim[near], rest))
+        return self._table[1]

@@ -1,0 +1,122 @@
+"""A weld beside the last accepted welds of its procedure, from their records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fsw_quality.verdict import Verdict
+from fsw_schema.models import InputError, Many, Model, json_content_of, read_text, validate
+
+if TYPE_CHECKING:
+    from fsw_quality.record import PhaseRecord, Record
+
+#: welds that are compared with at most, the latest, and at least for a standard deviation to be told (chosen)
+MOST, LEAST = 10, 3
+#: a figure this many standard deviations from the mean of the others is named (chosen)
+_FAR = 3.0
+#: where records are looked for below a folder
+_PLACES = ("record.json", "*/record.json", "*/record/record.json")
+
+
+class Figure(Model):
+    """A figure of a phase, and the same of the accepted welds."""
+
+    phase: str
+    name: str
+    value: float
+    mean: float
+    low: float
+    high: float
+    deviations: float | None = None
+    """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is far from the others."""
+        return self.deviations is not None and abs(self.deviations) > _FAR
+
+
+class Comparison(Model):
+    """With the last accepted welds."""
+
+    welds: Many[str]
+    """names of their bags, the latest last"""
+    figures: Many[Figure]
+
+    @property
+    def far(self) -> list[Figure]:
+        """Figures that are far from those of the others."""
+        return [one for one in self.figures if one.is_far]
+
+
+def accepted_before(folder: Path, record: Record) -> list[Record]:
+    """The last accepted welds of the record's procedure and revision that are older, from the records in a folder.
+
+    Raises
+    ------
+    InputError
+        The folder has no record, one cannot be read, or two are of the same weld.
+    """
+    from fsw_quality.record import Record
+
+    paths = sorted({path for place in _PLACES for path in folder.glob(place)})
+    if not paths:
+        raise InputError(f"{folder}: there is no record to compare with ({', '.join(_PLACES)})")
+    seen: dict[tuple[str, ...], Path] = {}
+    found = []
+    for path in paths:
+        one = validate(Record, json_content_of(read_text(path, "record"), str(path)), str(path))
+        files = one.data_files
+        if files == record.data_files:
+            continue  # this weld
+        if files and (first := seen.setdefault(files, path)) != path:
+            raise InputError(f"{path}: is a second record of the weld of {first}; remove one of them")
+        same = (one.procedure.id, one.procedure.revision) == (record.procedure.id, record.procedure.revision)
+        if same and one.verdict is Verdict.ACCEPT and (record.simulated_time or one.start_ns < record.start_ns):
+            found.append(one)
+    return sorted(found, key=lambda one: (one.start_ns, one.bag))[-MOST:]
+
+
+def compare(record: Record, others: Sequence[Record]) -> Comparison:
+    """The record's figures beside those of other welds, phase by phase."""
+    figures = []
+    for phase in record.phases:
+        ours = dict(_figures(phase))
+        theirs = [dict(_figures(one)) for other in others for one in other.phases if one.phase == phase.phase]
+        for name, value in ours.items():
+            values = np.array([one[name] for one in theirs if name in one])
+            if not values.size:
+                continue
+            sigma = float(values.std(ddof=1)) if values.size >= LEAST else 0.0
+            figures.append(
+                Figure(
+                    phase=phase.phase,
+                    name=name,
+                    value=value,
+                    mean=_round(values.mean()),
+                    low=_round(values.min()),
+                    high=_round(values.max()),
+                    deviations=_round((value - values.mean()) / sigma) if sigma > 1e-9 * abs(value) else None,
+                )
+            )
+    return Comparison(welds=tuple(one.bag for one in others), figures=tuple(figures))
+
+
+def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:
+    for name, one in (("depth error [mm]", phase.depth_mm), ("temperature error [°C]", phase.temperature_c)):
+        if one is not None:
+            yield f"{name}, mean", one.mean
+            yield f"{name}, σ", one.sigma
+    for name, key in (("torque [N·m]", "torque_nm"), ("force [kN]", "force_kn"), ("speed [rpm]", "speed_rpm")):
+        if key in phase.envelopes:
+            yield f"{name}, mean", phase.envelopes[key].mean
+    if phase.heat_input_kj_per_mm is not None:
+        yield "heat input [kJ/mm]", phase.heat_input_kj_per_mm
+
+
+def _round(value: float) -> float:
+    return round(float(value), 6)

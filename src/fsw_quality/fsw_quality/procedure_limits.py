@@ -1,0 +1,117 @@
+"""What nodes need of a procedure, as their parameters, so that no limit is stated twice."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
+from fsw_recorder.after_recording import BAG
+
+#: the supervisor's interlock against too low or too high values, by variable
+_LOW: dict[Variable, str] = {"temperature_c": "temperature_low"}
+_HIGH: dict[Variable, str] = {
+    "temperature_c": "temperature_high",
+    "depth_mm": "depth_high",
+    "force_kn": "force_high",
+    "torque_nm": "torque_high",
+    "power_kw": "power_high",
+}
+#: bounds of the supervisor's commands: those of the drives, which a procedure may narrow, not widen
+_COMMANDS: dict[Variable, str] = {"force_kn": "limits.force_{}_kn", "speed_rpm": "limits.speed_{}_rpm"}
+
+
+def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Parameters that follow from a procedure, by node: the supervisor's and those of the operator's page.
+
+    Only limits that hold in every phase count: the supervisor does not know the phase. Trips are the essential limits;
+    warnings are the ends of the permitted set-points or, where there are none, as far from the trip as by default.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    supervisor : mapping of str to Any
+        The supervisor's default parameters.
+
+    Returns
+    -------
+    dict
+        By node and parameter; what does not follow from the procedure is left out.
+    """
+    return {"fsw_supervisor": _supervisor(procedure, supervisor), "fsw_hmi": _page(procedure)}
+
+
+def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Parameters of all nodes of a weld by a procedure: also of the recorder, which then has the record written.
+
+    Parameters
+    ----------
+    source : str
+        YAML file, or the name of a shipped procedure.
+    supervisor : mapping of str to Any
+        The supervisor's default parameters.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        The procedure cannot be used.
+    """
+    file = str(path_of(source))
+    # what is signed may lie anywhere: the file itself is read, beside its signature
+    command = [sys.executable, "-m", "fsw.main", "record", BAG, "--procedure", file, "--out", f"{BAG}/record"]
+    return node_parameters(load(file), supervisor) | {
+        "fsw_procedure": {"procedure": file},
+        "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
+    }
+
+
+def _always(procedure: Procedure, kind: str, variable: Variable) -> list[Limit]:
+    phases = {phase.name for phase in procedure.phases}
+    limits = procedure.essential if kind == "essential" else procedure.quality
+    return [one for one in limits if one.variable == variable and (not one.phases or set(one.phases) == phases)]
+
+
+def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
+    lows = [one.min for one in limits if one.min is not None]
+    highs = [one.max for one in limits if one.max is not None]
+    return max(lows, default=None), min(highs, default=None)
+
+
+def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for names, end in ((_LOW, 0), (_HIGH, 1)):
+        for variable, name in names.items():
+            trip = _narrowest(_always(procedure, "essential", variable))[end]
+            if trip is None:
+                continue
+            key = f"interlocks.{name}"
+            points = getattr(procedure.set_points, variable, None)
+            warn = None if points is None else (points.min, points.max)[end]
+            if warn is None or warn == trip:
+                warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
+            found |= {f"{key}.warn": warn, f"{key}.trip": trip}
+    for variable, pattern in _COMMANDS.items():
+        low, high = _narrowest(_always(procedure, "essential", variable))
+        if low is not None:
+            found[pattern.format("min")] = max(low, default[pattern.format("min")])
+        if high is not None:
+            found[pattern.format("max")] = min(high, default[pattern.format("max")])
+    return found
+
+
+def _page(procedure: Procedure) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    low, high = _narrowest(_always(procedure, "quality", "depth_error_mm"))
+    ends = [abs(one) for one in (low, high) if one is not None]
+    if ends:
+        found["deviation_depth_mm"] = min(ends)
+    low, high = _narrowest(
+        _always(procedure, "quality", "temperature_c") + _always(procedure, "essential", "temperature_c")
+    )
+    if low is not None:
+        found["quality_temperature_min_c"] = low
+    if high is not None:
+        found["quality_temperature_max_c"] = high
+    return found

@@ -1,0 +1,121 @@
+"""Tells on diagnostics, at once, when a running weld leaves its procedure; commands nothing."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+
+from fsw_control import messages_ros as convert
+from fsw_control.node_arguments import NodeArguments
+from fsw_control.node_main_ros import run
+from fsw_control.parameters import load as load_parameters
+from fsw_control.parameters_ros import declare
+from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
+from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_msgs.msg import SupervisorState, WeldReference
+from fsw_quality.procedure import load
+from fsw_quality.procedure_watch import ProcedureWatch
+from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+
+_REPORT_S = 1.0
+#: name of a controller's node before the controller's
+_PREFIX = "fsw_"
+
+
+class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+    """Hears set-points in force, the supervisor's state and parameters of controllers.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        The procedure cannot be used.
+    """
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_procedure", **arguments)
+        settings = declare(self, "fsw_quality", "procedure_node.yaml")
+        self._procedure = load(settings["procedure"])
+        self._watch = ProcedureWatch(self._procedure)
+        self._told: dict[str, str] = {}
+        self._tunings: dict[str, dict[str, Any]] = {}
+        self._diagnostics = DiagnosticsPublisher(self)
+        self._snapshots = ParameterSnapshots(self, self._on_parameters)
+        self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATCHED)
+        self.create_subscription(ParameterEvent, "/parameter_events", self._on_event, STREAM)
+        self.create_timer(_REPORT_S, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.get_logger().info(f"welding by {self._procedure.id} revision {self._procedure.revision}")
+
+    def _on_reference(self, message: WeldReference) -> None:
+        try:
+            now = convert.reference(message)
+        except ValueError:
+            return  # the supervisor puts no such set-points in force
+        self._watch.set_points(now.depth_mm, now.temperature_c)
+        self._tell()
+
+    def _on_state(self, message: SupervisorState) -> None:
+        self._watch.state(message.actual_controller, message.actual_mode, message.requested_by)
+        self._tell()
+
+    def _on_parameters(self, node: str, text: str) -> None:
+        self._take(node, yaml.safe_load(text)[node]["ros__parameters"])
+
+    def _on_event(self, message: ParameterEvent) -> None:
+        changed = [*message.new_parameters, *message.changed_parameters]
+        if message.node in self._tunings:
+            self._take(message.node, {one.name: parameter_value_to_python(one.value) for one in changed})
+
+    def _take(self, node: str, values: Mapping[str, Any]) -> None:
+        name = node.rpartition("/")[2]
+        if not name.startswith(_PREFIX):
+            return
+        self._tunings[node] = self._tunings.get(node, {}) | dict(values)
+        self._watch.tuning(name.removeprefix(_PREFIX), self._tunings[node])
+        self._tell()
+
+    def _tell(self) -> None:
+        """Log and publish what is new."""
+        now, before = self._watch.deviations, self._told
+        for name, text in now.items():
+            if before.get(name) != text:
+                log(self, ERROR, f"the weld leaves its procedure: {text}")
+        for name in before.keys() - now.keys():
+            log(self, OK, f"the weld keeps its procedure again: not any longer: {before[name]}")
+        if now != before:
+            self._told = now
+            self._publish()
+
+    def _report(self) -> None:
+        self._snapshots.look_for_nodes()
+        self._publish()
+
+    def _publish(self) -> None:
+        identity = self._procedure.identity
+        values: dict[str, object] = {
+            "procedure": identity.id,
+            "revision": identity.revision,
+            "SHA-256": identity.sha256,
+        }
+        if self._told:
+            level, text = ERROR, "the weld leaves its procedure: " + "; ".join(self._told.values())
+        else:
+            level, text = OK, "no deviation"
+        self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is stopped; returns the exit code."""
+    about = NodeArguments("fsw_procedure", __doc__ or "", load_parameters("fsw_quality", "procedure_node.yaml"))
+    return run(ProcedureNode, args, about)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""Tells at once when a running weld leaves its procedure: set-points, controller, mode, swaps, tuning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fsw_quality.procedure import Procedure, digest
+
+#: parameters that say nothing of the control
+NOT_TUNING = ("use_sim_time", "start_type_description_service")
+
+
+def tuning_sha256(parameters: Mapping[str, Any]) -> str:
+    """Hash of a controller's parameters, as procedures and records have it."""
+    return digest({key: value for key, value in parameters.items() if key not in NOT_TUNING})
+
+
+class ProcedureWatch:
+    """What of a weld is not as its procedure has it; each deviation by a name of its own, in words.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    """
+
+    def __init__(self, procedure: Procedure) -> None:
+        self._procedure = procedure
+        self._permitted = {one.name: one.parameters_sha256 for one in procedure.controllers}
+        self._found: dict[str, str] = {}
+        self._first = ""
+        self._welds = False  # before automatic control has begun, hold is as it should be
+
+    @property
+    def deviations(self) -> dict[str, str]:
+        """Those that there are now, and those that cannot be undone."""
+        return dict(self._found)
+
+    def _set(self, name: str, text: str) -> None:
+        if text:
+            self._found[name] = text
+        else:
+            self._found.pop(name, None)
+
+    def set_points(self, depth_mm: float, temperature_c: float) -> None:
+        """Set-points that are in force."""
+        for name, value in (("depth_mm", depth_mm), ("temperature_c", temperature_c)):
+            point = getattr(self._procedure.set_points, name)
+            inside = point.min <= value <= point.max
+            text = f"set-point {name} {value:g} is in force, permitted are {point.min:g} to {point.max:g}"
+            self._set(f"set_point_{name}", "" if inside else text)
+
+    def state(self, controller: str, mode: str, requested_by: str) -> None:
+        """Who commands in which mode, and what led to it, as the supervisor reports."""
+        foreign = controller and controller not in self._permitted
+        text = f"{controller} commands, permitted are {', '.join(self._permitted)}"
+        self._set("controller", text if foreign else "")
+        self._welds = self._welds or mode == "auto"
+        text = f"mode {mode} ({requested_by or 'no cause told'}) in place of auto"
+        self._set("mode", text if self._welds and mode != "auto" else "")
+        if not controller:
+            return
+        if not self._first:
+            self._first = controller
+        on_request = requested_by.startswith(("operator", "start"))
+        if controller != self._first and not (self._procedure.acceptance.swaps_allowed and on_request):
+            allowed = "swaps on request only" if self._procedure.acceptance.swaps_allowed else "no swap"
+            # stays: a swap back does not undo it
+            self._found.setdefault("swap", f"swap to {controller} ({requested_by}), permitted is {allowed}")
+
+    def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
+        """Parameters of a controller's node as they are now."""
+        wanted = self._permitted.get(controller)
+        actual = tuning_sha256(parameters)
+        text = f"{controller} has parameters {actual[:12]}…, the procedure wants {(wanted or '')[:12]}…"
+        self._set(f"tuning_{controller}", text if wanted is not None and actual != wanted else "")

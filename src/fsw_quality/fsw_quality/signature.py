@@ -1,0 +1,261 @@
+"""Ed25519 keys and detached signatures, both in the formats of OpenSSH, so that ``ssh-keygen -Y`` reads them, too.
+
+Format of a signature: https://github.com/openssh/openssh-portable/blob/master/PROTOCOL.sshsig
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import stat
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fsw_schema.files import replacing
+from fsw_schema.models import InputError
+
+if TYPE_CHECKING:  # of the extra quality
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+#: what a signature is for; one made for something else does not count
+NAMESPACE = "fsw-control"
+SUFFIX = ".sig"
+_MAGIC, _KIND, _HASH = b"SSHSIG", b"ssh-ed25519", b"sha512"
+_BEGIN, _END = "-----BEGIN SSH SIGNATURE-----", "-----END SSH SIGNATURE-----"
+_LINE = 70
+
+
+@dataclass(frozen=True, slots=True)
+class PublicKey:
+    """A key that signatures are checked with: its 32 bytes."""
+
+    raw: bytes
+
+    @property
+    def fingerprint(self) -> str:
+        """As ``ssh-keygen -l`` shows it."""
+        return "SHA256:" + base64.b64encode(hashlib.sha256(_key_blob(self.raw)).digest()).decode().rstrip("=")
+
+
+def default_key() -> Path:
+    """Where the key is that is used unless another is given: in the user's configuration, in no repository."""
+    configured = os.environ.get("XDG_CONFIG_HOME", "")
+    return (Path(configured) if os.path.isabs(configured) else Path.home() / ".config") / "fsw-control" / "evidence_key"
+
+
+def make_key(path: Path, comment: str = "fsw-control") -> PublicKey:
+    """Make a pair of keys: ``path`` for its owner alone, and ``path.pub``.
+
+    Raises
+    ------
+    InputError
+        One of the files exists, or ``cryptography`` is not installed.
+    OSError
+        A file cannot be written.
+    """
+    public_path = path.with_name(f"{path.name}.pub")
+    for file in (path, public_path):
+        if os.path.lexists(file):
+            raise InputError(f"{file} exists; a key is never replaced, choose another name")
+    _check_installed()
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    key = Ed25519PrivateKey.generate()
+    text = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.OpenSSH, serialization.NoEncryption()
+    )
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with replacing(path, 0o600) as scratch:
+        scratch.write_bytes(text)
+    public = PublicKey(key.public_key().public_bytes_raw())
+    line = f"{_KIND.decode()} {base64.b64encode(_key_blob(public.raw)).decode()} {comment}\n"
+    with replacing(public_path) as scratch:
+        scratch.write_text(line, encoding="utf-8")
+    return public
+
+
+def load_private(path: Path) -> Ed25519PrivateKey:
+    """The key that signs.
+
+    Raises
+    ------
+    InputError
+        There is none, others may read it, or it is no unencrypted Ed25519 key of OpenSSH.
+    """
+    _check_installed()
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    try:
+        mode = path.stat().st_mode
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
+            raise InputError(
+                f"key {path}: others may read or change it (mode {stat.S_IMODE(mode):o}); chmod 600 {path}"
+            )
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"key {path}: {error.strerror}; make one with 'fsw.py bag keygen'") from None
+    try:
+        key = serialization.load_ssh_private_key(data, password=None)
+    except Exception as error:  # cryptography raises many kinds
+        raise InputError(f"key {path}: cannot be used: {' '.join(str(error).split())[:150]}") from None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise InputError(f"key {path}: is no Ed25519 key; make one with 'fsw.py bag keygen'")
+    return key
+
+
+def load_public(path: Path) -> PublicKey:
+    """A public key, ``ssh-ed25519 AAAA...``.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is no such key.
+    """
+    try:
+        words = path.read_text(encoding="utf-8").split()
+        if len(words) < 2 or words[0] != _KIND.decode():
+            raise ValueError
+        kind, raw = _strings(base64.b64decode(words[1], validate=True), 2)
+        if kind != _KIND or len(raw) != 32:
+            raise ValueError
+    except OSError as error:
+        raise InputError(f"public key {path}: {error.strerror}; 'fsw.py bag keygen' makes one") from None
+    except ValueError:
+        raise InputError(f"public key {path}: is no line 'ssh-ed25519 AAAA...'") from None
+    return PublicKey(raw)
+
+
+def sign(message: bytes, key: Ed25519PrivateKey) -> str:
+    """Detached signature, armoured.
+
+    Parameters
+    ----------
+    message : bytes
+    key : Ed25519PrivateKey
+    """
+    public = key.public_key().public_bytes_raw()
+    signature = _string(_KIND) + _string(key.sign(_signed(message)))
+    names = _string(NAMESPACE.encode()) + _string(b"") + _string(_HASH)
+    blob = _MAGIC + struct.pack(">I", 1) + _string(_key_blob(public)) + names + _string(signature)
+    text = base64.b64encode(blob).decode()
+    return "\n".join([_BEGIN, *(text[at : at + _LINE] for at in range(0, len(text), _LINE)), _END, ""])
+
+
+def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey] | None) -> PublicKey:
+    """Check a signature; returns the key of its signer.
+
+    Parameters
+    ----------
+    message : bytes
+    armoured : str
+    trusted : sequence of PublicKey or None
+        None: any key will do, e.g. to see whether a file was changed.
+
+    Raises
+    ------
+    InputError
+        It is no signature, was made for something else, by a key that is not trusted, or of other bytes.
+    """
+    _check_installed()
+    from cryptography.exceptions import InvalidSignature
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+    signer, value = _parse(armoured)
+    if trusted is not None and signer not in trusted:
+        known = ", ".join(key.fingerprint for key in trusted) or "none"
+        raise InputError(f"signed by key {signer.fingerprint}, which is not the trusted one ({known})")
+    try:
+        Ed25519PublicKey.from_public_bytes(signer.raw).verify(value, _signed(message))
+    except InvalidSignature:
+        raise InputError("the signature does not fit: it was changed after it was signed") from None
+    return signer
+
+
+def signature_path(path: Path) -> Path:
+    """Where the signature of a file is."""
+    return path.with_name(path.name + SUFFIX)
+
+
+def verify_file(path: Path, trusted: Sequence[PublicKey] | None) -> PublicKey | None:
+    """Check a file with a signature beside it; returns the key of its signer, None where there is no signature.
+
+    Raises
+    ------
+    InputError
+        The signature is damaged, or not of these bytes, or not by a trusted key.
+    """
+    try:
+        armoured = signature_path(path).read_text(encoding="ascii", errors="replace")
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(f"{signature_path(path)}: {error.strerror}") from None
+    try:
+        return verify(path.read_bytes(), armoured, trusted)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parse(armoured: str) -> tuple[PublicKey, bytes]:
+    try:
+        text = armoured.strip()
+        if not (text.startswith(_BEGIN) and text.endswith(_END)):
+            raise ValueError
+        blob = base64.b64decode("".join(text.removeprefix(_BEGIN).removesuffix(_END).split()), validate=True)
+        if blob[:6] != _MAGIC or blob[6:10] != struct.pack(">I", 1):
+            raise ValueError
+        key, namespace, _, algorithm, signature = _strings(blob[10:], 5)
+        kind, raw = _strings(key, 2)
+        signed_kind, value = _strings(signature, 2)
+        if kind != _KIND or signed_kind != _KIND or len(raw) != 32 or algorithm != _HASH:
+            raise ValueError
+    except ValueError:
+        raise InputError("the signature is damaged or no Ed25519 signature of OpenSSH's kind") from None
+    if namespace != NAMESPACE.encode():
+        raise InputError(f"the signature was made for {namespace.decode(errors='replace')!r}, not for {NAMESPACE!r}")
+    return PublicKey(raw), value
+
+
+def _signed(message: bytes) -> bytes:
+    """What the key signs in place of a message."""
+    names = _string(NAMESPACE.encode()) + _string(b"") + _string(_HASH)
+    return _MAGIC + names + _string(hashlib.sha512(message).digest())
+
+
+def _key_blob(raw: bytes) -> bytes:
+    return _string(_KIND) + _string(raw)
+
+
+def _string(data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + data
+
+
+def _strings(data: bytes, count: int) -> list[bytes]:
+    """Exactly so many strings, each behind its length; a ValueError for anything else."""
+    found = []
+    for _ in range(count):
+        if len(data) < 4:
+            raise ValueError
+        end = 4 + int.from_bytes(data[:4], "big")
+        if end > len(data):
+            raise ValueError
+        found.append(data[4:end])
+        data = data[end:]
+    if data:
+        raise ValueError
+    return found
+
+
+def _check_installed() -> None:
+    try:
+        import cryptography  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "signatures need cryptography: pip install cryptography, or the extra fsw-control[quality]"
+        ) from None

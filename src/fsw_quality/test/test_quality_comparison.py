@@ -1,0 +1,116 @@
+"""A weld beside earlier ones, and who had control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fsw_analysis.weld_signals import WeldEvent
+from fsw_quality.comparison import MOST, accepted_before, compare
+from fsw_quality.procedure import Procedure
+from fsw_quality.record import BagFile, Record, assemble, times_of_control, told_deviations
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic
+from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_schema.models import InputError
+from fsw_test_support.judged_weld import good_weld, short_procedure
+from fsw_test_support.sample_weld import SampleTypes
+
+
+def record(number: int, offset_mm: float = 0.0, procedure: Procedure | None = None, sha: str = "") -> Record:
+    """Record of a weld that is off its depth by some 0.001 mm."""
+    weld = good_weld()
+    weld = replace(weld, path=Path(f"weld_{number}"), depth_mm=weld.depth_mm + offset_mm)
+    file = BagFile(name="weld.mcap", bytes=1, sha256=sha or f"{number:064x}")
+    found, _ = assemble(weld, procedure or short_procedure(), {"lost_messages": "0"}, (file,))
+    return found
+
+
+def keep(folder: Path, *records: Record) -> None:
+    for one in records:
+        (folder / one.bag).mkdir(parents=True)
+        (folder / one.bag / "record.json").write_text(one.model_dump_json(exclude_none=True), encoding="utf-8")
+
+
+def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path: Path) -> None:
+    rejected = record(90, 2.0)
+    assert rejected.verdict == "reject"
+    others = [record(number, 0.001 * number) for number in range(MOST + 2)]
+    foreign = record(91, procedure=short_procedure(revision="B"))
+    keep(tmp_path, *others, rejected, foreign, record(99))
+    found = accepted_before(tmp_path, record(99))
+    assert len(found) == MOST and {one.bag for one in found} <= {one.bag for one in others}
+
+
+def test_what_is_far_from_the_others_is_named(tmp_path: Path) -> None:
+    others = [record(number, 0.001 * number) for number in range(5)]
+    figures = {(one.phase, one.name): one for one in compare(record(9, 0.05), others).figures}
+    far = figures["joint_line", "depth error [mm], mean"]
+    assert (far.mean, far.low, far.high) == pytest.approx((0.002, 0.0, 0.004))
+    assert far.is_far and far.deviations == pytest.approx(0.048 / 0.00158114, rel=1e-3)
+    assert not figures["joint_line", "force [kN], mean"].is_far  # equal in all
+    assert not compare(record(9, 0.0025), others).far
+    assert all(one.deviations is None for one in compare(record(9, 0.05), others[:2]).figures)
+    assert compare(record(9), []).figures == ()
+
+
+def test_two_records_of_one_weld_are_told(tmp_path: Path) -> None:
+    keep(tmp_path, record(1, sha="a" * 64), record(2, sha="a" * 64))
+    with pytest.raises(InputError, match=r"weld_2/record\.json: is a second record of the weld of .*weld_1"):
+        accepted_before(tmp_path, record(9))
+
+
+def test_what_is_no_record_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no record to compare with"):
+        accepted_before(tmp_path, record(9))
+    (tmp_path / "record.json").write_text("{}")
+    with pytest.raises(InputError, match=r"record\.json: lacks verdict"):
+        accepted_before(tmp_path, record(9))
+
+
+TAKE, GIVE = "take control: done: control taken", "release control: done: control released"
+HAND: Callable[[str], str] = "hand control over: done: control handed over to {}".format
+
+
+@pytest.mark.parametrize(
+    ("actions", "expected"),
+    [
+        ([], []),
+        ([(1.0, "anna (1)", TAKE), (4.0, "anna (1)", GIVE)], [("anna (1)", 1.0, 4.0)]),
+        ([(1.0, "anna (1)", TAKE)], [("anna (1)", 1.0, 9.0)]),
+        ([(1.0, "anna (1)", TAKE), (3.0, "anna (1)", HAND("bo (2)"))], [("anna (1)", 1.0, 3.0), ("bo (2)", 3.0, 9.0)]),
+        ([(1.0, "anna (1)", TAKE), (3.0, "anna (1)", "lose control: done: no answer")], [("anna (1)", 1.0, 3.0)]),
+        ([(1.0, "anna (1)", TAKE), (2.0, "bo (2)", "take control: refused: anna (1) has control: ask for it")],
+         [("anna (1)", 1.0, 9.0)]),
+        ([(1.0, "anna (1)", TAKE), (2.0, "anna (1)", "hand control over: done: control not handed over to bo (2)")],
+         [("anna (1)", 1.0, 9.0)]),
+        ([(1.0, "anna (1)", TAKE), (5.0, "bo (2)", TAKE)], [("anna (1)", 1.0, 5.0), ("bo (2)", 5.0, 9.0)]),
+        ([(1.0, "anna (1)", "set-points 2.7 mm: done")], []),
+    ],
+)  # fmt: skip
+def test_times_of_control(actions: list[tuple[float, str, str]], expected: list[tuple[str, float, float]]) -> None:
+    events = [WeldEvent(time_s, "operator", f"{who}: {text}") for time_s, who, text in actions]
+    assert [(one.who, one.begin_s, one.end_s) for one in times_of_control(events, 9.0)] == expected
+
+
+def test_told_deviations_are_on_record_once_each(tmp_path: Path) -> None:
+    """Diagnostics come every second; what changes is an event, at the weld's time."""
+    types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
+    weld = good_weld()
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(RecordedTopic("/diagnostics", kind, interface_definition(kind), interface_hash(kind)))
+        for tick, text in enumerate(["no deviation", "no deviation", "mode manual", "mode manual", "no deviation"]):
+            stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
+            status = {"name": "fsw_procedure: deviations", "message": text, "level": 2 * (text != "no deviation")}
+            stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+            values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
+            writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
+    with BagReader(tmp_path / "bag") as reader:
+        found = told_deviations(reader, weld)
+    assert [(round(one.time_s, 6), one.kind, one.text) for one in found] == [
+        (2.1, "deviation", "mode manual"),
+        (4.1, "deviation", "no deviation"),
+    ]

@@ -1,0 +1,84 @@
+"""The node that tells when a running weld leaves its procedure, in a graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_msgs.msg import SupervisorState, WeldReference
+from fsw_quality.procedure_node import ProcedureNode, main
+from fsw_test_support.judged_weld import short_procedure
+from fsw_test_support.ros_graph import Spinner, domain_id
+
+__all__ = ["domain_id"]
+
+pytestmark = pytest.mark.slow
+
+
+class Cell(Spinner):
+    """The node, a controller with parameters, and what the supervisor would publish."""
+
+    def __init__(self, domain: int, procedure: Path) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        super().__init__(self.context)
+        override = [Parameter("procedure", value=str(procedure))]
+        self.node = ProcedureNode(context=self.context, parameter_overrides=override)
+        self.controller = Node("fsw_decentral", context=self.context)
+        self.controller.declare_parameter("gain", 2.0)
+        self.states = self.controller.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+        self.references = self.controller.create_publisher(WeldReference, "fsw/supervisor/reference", LATCHED)
+        self.text = ""
+        self.controller.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
+        for one in (self.node, self.controller):
+            self.executor.add_node(one)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.text = next(one.message for one in message.status if one.name == "fsw_procedure: deviations")
+
+    def close(self) -> None:
+        for one in (self.node, self.controller):
+            one.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def told(self, part: str) -> None:
+        self.until(lambda: part in self.text, part)
+
+
+def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
+    controllers = [{"name": "decentral", "parameters_sha256": "0" * 64}, {"name": "nmpc"}]
+    file = tmp_path / "procedure.yaml"
+    values = short_procedure(controllers=controllers).model_dump(mode="json", exclude_none=True)
+    file.write_text(yaml.safe_dump(values), encoding="utf-8")
+    cell = Cell(domain_id, file)
+    try:
+        cell.told("decentral has parameters")  # the tuning is not the one that is permitted
+        cell.references.publish(WeldReference(depth=0.0035, temperature=816.4))
+        cell.told("set-point depth_mm 3.5 is in force, permitted are 1.5 to 3.4")
+        cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
+        cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
+        cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", requested_by="start"))
+        cell.states.publish(SupervisorState(actual_controller="mine", actual_mode="manual", requested_by="operator"))
+        cell.told("mine commands, permitted are decentral, nmpc; mode manual (operator) in place of auto")
+        before = cell.text
+        cell.controller.set_parameters([Parameter("gain", value=3.0)])
+        cell.until(lambda: cell.text != before and "decentral has parameters" in cell.text, "the changed tuning")
+    finally:
+        cell.close()
+
+
+def test_a_procedure_that_cannot_be_used_is_one_line(
+    domain_id: int, tmp_path: Path, capsys: pytest.CaptureFixture[Any]
+) -> None:
+    (tmp_path / "bad.yaml").write_text("format: fsw_weld_procedure\n")
+    assert main(["procedure", "--ros-args", "-p", f"procedure:={tmp_path / 'bad.yaml'}"]) == 2
+    error = capsys.readouterr().err
+    assert "bad.yaml: lacks version" in error and error.count("\n") == 1

@@ -1,0 +1,119 @@
+"""What follows from a procedure while a weld runs: limits of other nodes, and deviations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from fsw_control.parameters import defaults, load
+from fsw_quality import procedure
+from fsw_quality.procedure import Procedure
+from fsw_quality.procedure_limits import node_parameters
+from fsw_quality.procedure_watch import ProcedureWatch, tuning_sha256
+from fsw_test_support.judged_weld import short_procedure
+
+SHIPPED = procedure.load("copper_lid")
+SUPERVISOR = defaults(load("fsw_supervisor", "supervisor.yaml"))
+
+
+def essential(variable: str, **limits: Any) -> dict[str, Any]:
+    return {"variable": variable, "source": "test", **limits}
+
+
+def with_limits(*limits: dict[str, Any], **more: Any) -> Procedure:
+    return short_procedure(essential=list(limits), **more)
+
+
+def test_the_shipped_procedure_changes_no_default() -> None:
+    """So the reference weld has its limits from one place, and nothing else is new."""
+    found = node_parameters(SHIPPED, SUPERVISOR)
+    for node, file in (("fsw_supervisor", "supervisor.yaml"), ("fsw_hmi", "hmi.yaml")):
+        default = defaults(load(node, file))
+        assert found[node] == {name: default[name] for name in found[node]}
+    assert len(found["fsw_supervisor"]) == 6 * 2 + 4 and len(found["fsw_hmi"]) == 3
+
+
+def test_limits_follow_the_procedure() -> None:
+    asked = with_limits(essential("temperature_c", min=795.0, max=905.0), essential("torque_nm", max=1500.0))
+    found = node_parameters(asked, SUPERVISOR)
+    supervisor = found["fsw_supervisor"]
+    assert (
+        supervisor["interlocks.temperature_low.trip"] == 795.0 and supervisor["interlocks.torque_high.trip"] == 1500.0
+    )
+    assert supervisor["interlocks.torque_high.warn"] == 1300.0  # 200 below the trip, as by default
+    assert supervisor["interlocks.temperature_high.warn"] == SHIPPED.set_points.temperature_c.max
+    assert (found["fsw_hmi"]["quality_temperature_min_c"], found["fsw_hmi"]["quality_temperature_max_c"]) == (
+        795.0,
+        905.0,
+    )
+    assert not any("depth" in name for name in supervisor)
+
+
+def test_commands_are_narrowed_never_widened() -> None:
+    asked = with_limits(essential("force_kn", min=70.0, max=150.0), essential("speed_rpm", min=100.0, max=450.0))
+    found = node_parameters(asked, SUPERVISOR)["fsw_supervisor"]
+    default = SUPERVISOR
+    assert found["limits.force_min_kn"] == 70.0 and found["limits.force_max_kn"] == default["limits.force_max_kn"]
+    assert found["limits.speed_min_rpm"] == default["limits.speed_min_rpm"] and found["limits.speed_max_rpm"] == 450.0
+
+
+def test_a_limit_of_some_phases_is_none_for_all() -> None:
+    asked = with_limits(essential("torque_nm", max=1500.0, phases=["joint_line"]))
+    assert node_parameters(asked, SUPERVISOR)["fsw_supervisor"] == {}
+
+
+@pytest.fixture
+def watch() -> ProcedureWatch:
+    found = ProcedureWatch(short_procedure())
+    found.set_points(2.66, 816.4)
+    found.state("decentral", "hold", "start")
+    found.state("decentral", "auto", "start")
+    assert found.deviations == {}
+    return found
+
+
+def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) -> None:
+    watch.set_points(3.45, 905.0)
+    assert watch.deviations == {
+        "set_point_depth_mm": "set-point depth_mm 3.45 is in force, permitted are 1.5 to 3.4",
+        "set_point_temperature_c": "set-point temperature_c 905 is in force, permitted are 800 to 900",
+    }
+    watch.set_points(3.4, 800.0)
+    assert watch.deviations == {}
+
+
+def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
+    watch.state("mine", "auto", "operator")
+    assert watch.deviations == {"controller": "mine commands, permitted are decentral, nmpc"}
+    watch.state("decentral", "hold", "interlock")
+    assert watch.deviations == {"mode": "mode hold (interlock) in place of auto"}
+    watch.state("decentral", "auto", "operator")
+    assert watch.deviations == {}
+
+
+@pytest.mark.parametrize(
+    ("allowed", "cause", "told"),
+    [(True, "operator", False), (True, "operator (topic)", False), (True, "failover", True), (False, "operator", True)],
+)
+def test_swaps(allowed: bool, cause: str, told: bool) -> None:
+    acceptance = {"tolerated_s": 0.3, "swaps_allowed": allowed, "source": "test"}
+    watch = ProcedureWatch(short_procedure(acceptance=acceptance))
+    watch.state("decentral", "auto", "start")
+    watch.state("nmpc", "auto", cause)
+    assert ("swap" in watch.deviations) is told
+    watch.state("decentral", "auto", "operator")
+    assert ("swap" in watch.deviations) is told  # not undone
+
+
+def test_another_tuning_is_told() -> None:
+    good = {"gain": 2.0, "use_sim_time": False}
+    controllers = [{"name": "decentral", "parameters_sha256": tuning_sha256(good)}, {"name": "nmpc"}]
+    watch = ProcedureWatch(short_procedure(controllers=controllers))
+    watch.tuning("decentral", good | {"use_sim_time": True})
+    watch.tuning("nmpc", {"anything": 1})
+    assert watch.deviations == {}
+    watch.tuning("decentral", good | {"gain": 2.1})
+    assert list(watch.deviations) == ["tuning_decentral"]
+    watch.tuning("decentral", good)
+    assert watch.deviations == {}

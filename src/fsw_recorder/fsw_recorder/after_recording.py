@@ -1,0 +1,83 @@
+"""Runs commands when a bag is finished, in a process of its own that outlives the recorder and cannot harm the bag."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fsw_recorder.errors import BagError
+
+LOG_NAME = "on_finished.log"
+#: in a command, stands for the folder of the bag
+BAG = "{bag}"
+#: they wait for everything else on the machine
+_NICENESS = 10
+
+
+def check(commands: Sequence[str]) -> None:
+    """Refuse commands that cannot be split into words; a `BagError`."""
+    for command in commands:
+        try:
+            words = shlex.split(command)
+        except ValueError as error:
+            raise BagError(f"on_finished '{command}': {error}") from None
+        if not words:
+            raise BagError("on_finished: a command is empty")
+
+
+def start(commands: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
+    """Begin to run the commands, without waiting for them; signals to the recorder or its terminal do not reach them.
+
+    Raises
+    ------
+    OSError
+        No process can be started.
+    """
+    words = [sys.executable, "-m", "fsw_recorder.after_recording", str(folder), *commands]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    return subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, env=environment)
+
+
+def run(commands: Sequence[str], folder: Path) -> str:
+    """Run the commands one after another up to the first that fails; their output is in ``on_finished.log``.
+
+    Returns
+    -------
+    str
+        Why one failed, in one line; empty when none did.
+    """
+    log = folder / LOG_NAME
+    for command in commands:
+        words = [word.replace(BAG, str(folder)) for word in shlex.split(command)]
+        try:
+            done = subprocess.run(
+                words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False
+            )
+            code, output = f"exit code {done.returncode}", done.stdout.decode(errors="replace")
+            failed = done.returncode != 0
+        except (OSError, ValueError) as error:
+            code, output, failed = "not started", str(error), True
+        with log.open("a", encoding="utf-8") as file:
+            file.write(f"$ {shlex.join(words)}\n{output}{code}\n")
+        if failed:
+            last = " ".join((output.strip().splitlines() or ["it printed nothing"])[-1].split())
+            return f"on_finished: {words[0]} failed ({code}): {last}; the bag is unharmed, see {log}"
+    return ""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the commands; exit code 1 when one failed, which stderr says in one line."""
+    folder, *commands = sys.argv[1:] if arguments is None else arguments
+    os.nice(_NICENESS)
+    if failure := run(commands, Path(folder)):
+        print(failure, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

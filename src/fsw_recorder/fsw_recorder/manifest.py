@@ -1,0 +1,219 @@
+"""The manifest of a bag: SHA-256 of every file and of every piece of it, so that damage can be told to the chunk.
+
+The recorder hashes what it writes while it writes it; of a bag without a manifest one can be made afterwards, which
+says so: what had happened to the files before is then not known.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import mmap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC as MAGIC
+
+from fsw_recorder.clock_source import UNKNOWN, ClockState
+from fsw_recorder.errors import BagError
+from fsw_recorder.mcap_frames import CHUNK_HEAD, Buffer, frames
+from fsw_schema.models import InputError, Many, Model, json_content_of, validate
+
+MANIFEST_NAME = "manifest.json"
+#: stretches of a file in which no chunks are found
+PIECE_BYTES = 1024 * 1024
+PieceKind = Literal["chunk", "attachment", "other"]
+
+
+class Piece(Model):
+    """A stretch of a file; it begins where the one before it ends, the first at 0."""
+
+    kind: PieceKind
+    """chunk: with its message indexes; other: head, index, metadata, messages outside chunks"""
+    end: int
+    """offset behind it"""
+    sha256: str
+    begin_ns: int | None = None
+    """log time of the first message of a chunk"""
+    end_ns: int | None = None
+    """log time of its last message"""
+
+
+class FileManifest(Model):
+    """A file of the bag."""
+
+    name: str
+    bytes: int
+    sha256: str
+    hashed: Literal["while_recording", "afterwards"]
+    """afterwards: what had happened to the file before is not known"""
+    pieces: Many[Piece]
+
+
+class Manifest(Model):
+    """Content of manifest.json."""
+
+    format: Literal["fsw_bag_manifest"] = "fsw_bag_manifest"
+    version: Literal[1] = 1
+    bag: str
+    """name of the folder"""
+    custom_data: dict[str, str]
+    """of metadata.yaml: canister, lid, tool, machine and others"""
+    attachments_sha256: dict[str, str]
+    """of the files inside the bag: scenario, software versions, parameters of every node"""
+    clock: ClockState = UNKNOWN
+    """what the system told of its clock when the recording began"""
+    files: Many[FileManifest]
+
+    def text(self) -> str:
+        """As it is written."""
+        return self.model_dump_json(indent=1, exclude_none=True) + "\n"
+
+
+class Span(NamedTuple):
+    """Place of a piece."""
+
+    kind: PieceKind
+    begin: int
+    end: int
+    begin_ns: int | None = None
+    end_ns: int | None = None
+
+
+def spans(data: Buffer, at: int = 0) -> Iterator[Span]:
+    """Pieces of an MCAP file, or of whole records of one; damaged places are ``other``.
+
+    Parameters
+    ----------
+    data : bytes or mmap.mmap
+    at : int, optional
+        Where the first record begins.
+    """
+    size = len(data)
+    kind, begin, times, end = "other", 0, (), at
+    for opcode, body, stop in frames(data, at, size):
+        new: PieceKind = "other"
+        if opcode == Opcode.CHUNK:
+            new = "chunk"
+        elif opcode == Opcode.ATTACHMENT:
+            new = "attachment"
+        elif opcode == Opcode.MESSAGE_INDEX and kind == "chunk":
+            end = min(stop, size)
+            continue
+        if end > begin and (new != "other" or kind != "other" or end - begin >= PIECE_BYTES):
+            yield Span(kind, begin, end, *times)  # type: ignore[arg-type]
+            begin, times = end, ()
+        kind, end = new, min(stop, size)
+        if new == "chunk" and body + CHUNK_HEAD.size <= size:
+            times = CHUNK_HEAD.unpack_from(data, body)[:2]
+    if kind != "other" and end > begin:
+        yield Span(kind, begin, end, *times)  # type: ignore[arg-type]
+        begin = end
+    if size > begin:
+        yield Span("other", begin, size)
+
+
+class FileHasher:
+    """Hashes one MCAP file while it is written, by whole records."""
+
+    def __init__(self) -> None:
+        self.pieces: list[Piece] = []
+        self.size = 0
+        self._whole = hashlib.sha256()
+
+    def add(self, data: bytes) -> None:
+        """Note what was written."""
+        self._whole.update(data)
+        self.pieces += _pieces(data, spans(data, 0 if self.size else len(MAGIC)), self.size)
+        self.size += len(data)
+
+    def manifest(self, name: str) -> FileManifest:
+        """What was written so far."""
+        return FileManifest(
+            name=name,
+            bytes=self.size,
+            sha256=self._whole.hexdigest(),
+            hashed="while_recording",
+            pieces=tuple(self.pieces),
+        )
+
+
+def _pieces(data: Buffer, found: Iterator[Span], offset: int = 0) -> list[Piece]:
+    return [
+        Piece(kind=kind, end=end + offset, sha256=sha256(data[begin:end]), begin_ns=begin_ns, end_ns=end_ns)
+        for kind, begin, end, begin_ns, end_ns in found
+    ]
+
+
+def sha256(data: bytes) -> str:
+    """Hash of bytes, in hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def file_spans(data: Buffer) -> Iterator[Span]:
+    """Pieces of any file as it is now."""
+    if data[: len(MAGIC)] == MAGIC:
+        return spans(data, len(MAGIC))
+    size = len(data)
+    return (Span("other", at, min(at + PIECE_BYTES, size)) for at in range(0, size, PIECE_BYTES))
+
+
+def mapped(path: Path) -> Buffer:
+    """Content of a file, read as it is needed."""
+    with path.open("rb") as stream:
+        if path.stat().st_size == 0:
+            return b""
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def hashed_afterwards(path: Path) -> FileManifest:
+    """A file as it is now."""
+    data = mapped(path)
+    return FileManifest(
+        name=path.name,
+        bytes=len(data),
+        sha256=hashlib.sha256(data).hexdigest(),
+        hashed="afterwards",
+        pieces=tuple(_pieces(data, file_spans(data))),
+    )
+
+
+def hashed_text(name: str, text: str) -> FileManifest:
+    """A text file that is written as a whole."""
+    data = text.encode()
+    piece = Piece(kind="other", end=len(data), sha256=sha256(data))
+    return FileManifest(name=name, bytes=len(data), sha256=piece.sha256, hashed="while_recording", pieces=(piece,))
+
+
+def manifest_of(
+    bag: str,
+    files: Sequence[FileManifest],
+    custom_data: Mapping[str, str],
+    attachments: Mapping[str, str],
+    clock: ClockState = UNKNOWN,
+) -> Manifest:
+    """The manifest of a bag from those of its files."""
+    return Manifest(
+        bag=bag, custom_data=dict(custom_data), attachments_sha256=dict(attachments), clock=clock, files=tuple(files)
+    )
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest of a bag; None when it has none.
+
+    Raises
+    ------
+    BagError
+        It cannot be read, or is no manifest.
+    """
+    path = folder / MANIFEST_NAME
+    try:
+        text = path.read_text(encoding="utf-8")
+        return validate(Manifest, json_content_of(text, str(path)), str(path))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror}") from None
+    except (InputError, ValueError) as error:
+        raise BagError(str(error)) from None

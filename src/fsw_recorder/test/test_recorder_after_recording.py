@@ -1,0 +1,80 @@
+"""What runs when a bag is finished."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from std_msgs.msg import String
+
+from fsw_recorder import after_recording
+from fsw_recorder.after_recording import LOG_NAME, check, run
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import read_manifest
+from fsw_recorder.manifest_check import check_files
+from fsw_test_support.waiting import wait_until
+
+PYTHON = f"'{sys.executable}' -c"
+
+
+def test_commands_run_in_order_with_the_bag_in_their_words(tmp_path: Path) -> None:
+    bag = tmp_path / "a bag"
+    bag.mkdir()
+    write = f"{PYTHON} 'import sys; open(sys.argv[1], chr(97)).write(sys.argv[2])' {{bag}}/out.txt"
+    assert run([f"{write} one", f"{write} two"], bag) == ""
+    assert (bag / "out.txt").read_text() == "onetwo"
+    assert (bag / LOG_NAME).read_text().count("exit code 0") == 2
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (f"{PYTHON} 'print(1); print(\"no  luck\"); exit(3)'", "failed (exit code 3): no luck; the bag is unharmed"),
+        ("no_such_program_anywhere {bag}", "no_such_program_anywhere failed (not started): "),
+        (f"{PYTHON} 'exit(1)'", "it printed nothing"),
+    ],
+)
+def test_a_failure_is_one_line_and_ends_it(tmp_path: Path, command: str, said: str) -> None:
+    found = run([command, f'{PYTHON} \'open("{tmp_path}/late", "w")\''], tmp_path)
+    assert said in found and "\n" not in found and LOG_NAME in found
+    assert not (tmp_path / "late").exists()
+
+
+@pytest.mark.parametrize(("command", "said"), [("echo 'x", "No closing quotation"), (" ", "a command is empty")])
+def test_what_is_no_command_is_refused_at_the_start(command: str, said: str) -> None:
+    with pytest.raises(BagError, match=said):
+        check([command])
+
+
+@pytest.mark.slow
+def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> None:
+    """The bag is finished, with its manifest, when the command begins; the command outlives the recorder."""
+    bag, done = tmp_path / "bag", tmp_path / "done.txt"
+    code = "import os, sys; open(sys.argv[2], chr(119)).write(str(sorted(os.listdir(sys.argv[1]))))"
+    command = f"{PYTHON} \"{code}\" {{bag}} '{done}'"
+    words = [f"output:={bag}", f"on_finished:={json.dumps([command])}"]
+    arguments = [word for one in words for word in ("-p", one)]
+    publisher = graph.node.create_publisher(String, "/x", 10)
+    program = graph.start("fsw_recorder.recorder_node", "--ros-args", *arguments)
+    graph.until(lambda: publisher.get_subscription_count() or program.poll() is not None)
+    exit_code, output = graph.end(program, signal.SIGINT)
+    assert exit_code == 0, output
+    wait_until(lambda: done.exists() and done.read_text().endswith("]"), "the command")
+    assert "manifest.json" in done.read_text() and "metadata.yaml" in done.read_text()
+    manifest = read_manifest(bag)
+    assert manifest is not None and check_files(bag, manifest) == []
+    with BagReader(bag) as reader:
+        assert reader.problems == []
+
+
+def test_main_says_a_failure_on_stderr(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.nice", lambda _: 0)
+    assert after_recording.main([str(tmp_path), f"{PYTHON} 'exit(4)'"]) == 1
+    assert "failed (exit code 4)" in capsys.readouterr().err

@@ -1,0 +1,222 @@
+"""The manifest finds every change of a bag and names the place."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed_afterwards, read_manifest
+from fsw_recorder.manifest_check import check_file, check_files, complete
+from fsw_recorder.recover import recover
+from fsw_recorder.recover_proven import recover_proven
+from fsw_test_support.sample_weld import sample_messages, sample_topics
+
+START_NS = 10**18
+FILES = ("weld_0.mcap", "weld_1.mcap")
+
+
+def write_weld(folder: Path, ticks: int = 40, split: bool = True, options: WriterOptions | None = None) -> Path:
+    """A bag of two files with chunks of about ten ticks, and an attachment in each."""
+    with BagWriter(folder, options or WriterOptions(manifest=True), {"canister": "C-117"}) as writer:
+        for topic in sample_topics():
+            writer.add_topic(topic)
+        writer.attach("scenario.yaml", "application/yaml", b"name: test\n")
+        for count, (name, time_ns, data) in enumerate(sample_messages(ticks)):
+            writer.write(name, data, time_ns, time_ns)
+            if count % 100 == 0:
+                writer.flush()
+            if split and count == 300:
+                writer.split()
+                writer.attach("more.txt", "text/plain", b"more")
+    assert writer.error is None
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Not to be changed."""
+    return write_weld(tmp_path_factory.mktemp("recorded") / "weld")
+
+
+@pytest.fixture(scope="module")
+def manifest(recorded: Path) -> Manifest:
+    found = read_manifest(recorded)
+    assert found is not None
+    return found
+
+
+@pytest.fixture
+def bag(recorded: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / "weld"))
+
+
+def file_of(manifest: Manifest, name: str) -> FileManifest:
+    return next(one for one in manifest.files if one.name == name)
+
+
+def place(listed: FileManifest, kind: str, number: int) -> tuple[int, int, int]:
+    """Index, begin and end of a piece of a kind, from 1."""
+    rows = [row for row, piece in enumerate(listed.pieces) if piece.kind == kind]
+    row = rows[number - 1]
+    return row, listed.pieces[row - 1].end if row else 0, listed.pieces[row].end
+
+
+def test_the_recorder_lists_every_byte(recorded: Path, manifest: Manifest) -> None:
+    assert [one.name for one in manifest.files] == [*FILES, "metadata.yaml"]
+    assert manifest.bag == "weld" and manifest.custom_data == {"canister": "C-117"}
+    assert set(manifest.attachments_sha256) == {"scenario.yaml", "more.txt"}
+    assert check_files(recorded, manifest) == []
+    for listed in manifest.files:
+        assert listed.pieces[-1].end == listed.bytes == (recorded / listed.name).stat().st_size
+        assert listed.hashed == "while_recording"
+    chunks = [one for one in manifest.files[0].pieces if one.kind == "chunk"]
+    assert len(chunks) >= 3 and all(one.begin_ns is not None for one in chunks)
+
+
+def test_afterwards_the_chunks_are_the_same(recorded: Path, manifest: Manifest) -> None:
+    for name in FILES:
+        listed, now = file_of(manifest, name), hashed_afterwards(recorded / name)
+        assert now.sha256 == listed.sha256 and now.hashed == "afterwards"
+        assert [one for one in now.pieces if one.kind != "other"] == [
+            one for one in listed.pieces if one.kind != "other"
+        ]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_flipped_bit_is_found_and_its_chunk_named(
+    recorded: Path, manifest: Manifest, tmp_path: Path, data: st.DataObject
+) -> None:
+    listed = data.draw(st.sampled_from(manifest.files))
+    content = bytearray((recorded / listed.name).read_bytes())
+    at = data.draw(st.integers(0, len(content) - 1))
+    content[at] ^= 1 << data.draw(st.integers(0, 7))
+    (tmp_path / listed.name).write_bytes(content)
+    found = check_file(tmp_path / listed.name, listed)
+    row = next(row for row, piece in enumerate(listed.pieces) if at < piece.end)
+    assert len(found) == 1 and found[0].pieces == (row,) and found[0].file == listed.name
+    if listed.pieces[row].kind == "chunk":
+        number = sum(piece.kind == "chunk" for piece in listed.pieces[: row + 1])
+        assert f"chunk {number} (bytes " in found[0].text and "after the first message" in found[0].text
+
+
+def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(bag: Path, manifest: Manifest) -> None:
+    listed = file_of(manifest, FILES[0])
+    row, begin, end = place(listed, "chunk", 2)
+    content = (bag / FILES[0]).read_bytes()
+    (bag / FILES[0]).write_bytes(content[:begin] + content[end:])
+    [found] = check_files(bag, manifest)
+    assert found.pieces == (row,) and "chunk 2 (bytes" in found.text and f"in place of {listed.bytes}" in found.text
+
+
+def test_a_removed_message_is_told(bag: Path, recorded: Path, manifest: Manifest, tmp_path: Path) -> None:
+    """Everything copied but one message: the checksums inside the file are right again."""
+    with BagReader(recorded / FILES[0]) as reader, BagWriter(tmp_path / "weld_other") as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(topic)
+        for count, one in enumerate(reader.records()):
+            if count != 20:
+                writer.write(one.topic, one.data, one.log_time_ns, one.publish_time_ns, one.sequence)
+    shutil.copyfile(tmp_path / "weld_other" / "weld_other_0.mcap", bag / FILES[0])
+    [found] = check_files(bag, manifest)
+    assert found.file == FILES[0] and "is another file" in found.text
+
+
+def test_exchanged_missing_and_added_files_are_told(bag: Path, manifest: Manifest) -> None:
+    first, second = (bag / name for name in FILES)
+    content = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(content)
+    assert [(one.file, "another file" in one.text) for one in check_files(bag, manifest)] == [
+        (FILES[0], True),
+        (FILES[1], True),
+    ]
+    first.unlink()
+    (bag / "weld_2.mcap").write_bytes(content)
+    found = {one.file: one.text for one in check_files(bag, manifest)}
+    assert found[FILES[0]] == "is missing" and found["weld_2.mcap"] == "is not in the manifest"
+
+
+def test_order_and_additions_are_told(bag: Path, manifest: Manifest) -> None:
+    listed = file_of(manifest, FILES[0])
+    content = (bag / FILES[0]).read_bytes()
+    (_, begin, middle), (_, _, end) = place(listed, "chunk", 1), place(listed, "chunk", 2)
+    swapped = content[:begin] + content[middle:end] + content[begin:middle] + content[end:]
+    (bag / FILES[0]).write_bytes(swapped)
+    assert ["in another order" in one.text for one in check_files(bag, manifest)] == [True]
+    (bag / FILES[0]).write_bytes(content + b"more")
+    assert ["not alone" in one.text for one in check_files(bag, manifest)] == [True]
+
+
+def test_a_crash_before_the_manifest_loses_nothing_and_is_told(bag: Path, manifest: Manifest) -> None:
+    """The first file was closed, the recorder was killed in the second."""
+    partial = manifest.changed(files=manifest.files[:1])
+    cut = (bag / FILES[1]).read_bytes()[:-200]
+    (bag / FILES[1]).write_bytes(cut)
+    whole, notes = complete(bag, partial)
+    assert check_files(bag, whole) == []
+    assert {one.name: one.hashed for one in whole.files} == {
+        FILES[0]: "while_recording",
+        FILES[1]: "afterwards",
+        "metadata.yaml": "afterwards",
+    }
+    assert len(notes) == 2 and all("hashed afterwards" in note for note in notes)
+
+
+def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: Path) -> None:
+    listed = file_of(manifest, FILES[0])
+    row, begin, _ = place(listed, "chunk", 2)
+    content = bytearray((bag / FILES[0]).read_bytes())
+    content[begin + 60] ^= 1
+    (bag / FILES[0]).write_bytes(content)
+    result = recover_proven(bag, tmp_path / "proven")
+    assert result.recorded - result.proven == 1 and "chunk 2 (bytes" in result.lost[0]
+    left = {one.pieces for one in check_files(tmp_path / "proven", manifest) if one.file == FILES[0]}
+    assert (row,) in left
+    lost_ns = listed.pieces[row]
+    with BagReader(tmp_path / "proven") as after, BagReader(tmp_path / "proven" / FILES[0]) as first:
+        assert after.problems == [] and after.info().message_count == result.messages
+        assert after.metadata.custom_data["canister"] == "C-117"
+        times = [one.log_time_ns for one in first.records()]
+    assert lost_ns.begin_ns is not None and not any(lost_ns.begin_ns < one < lost_ns.end_ns for one in times)
+    recover(bag, tmp_path / "copy")
+    with pytest.raises(BagError, match=r"without manifest\.json"):
+        recover_proven(tmp_path / "copy", tmp_path / "none")
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1", '{"format": "fsw_bag_manifest", "version": 2}', "[" * 100000])
+def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / MANIFEST_NAME).write_text(text)
+    with pytest.raises(BagError, match=r"manifest\.json"):
+        read_manifest(tmp_path)
+
+
+def test_a_failed_disk_leaves_a_manifest_of_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with BagWriter(tmp_path / "weld", WriterOptions(manifest=True)) as writer:
+        for name, time_ns, data in sample_messages(5):
+            writer.write(name, data, time_ns, time_ns)
+        assert writer.flush()
+
+        def full(*_: object) -> int:
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("fsw_recorder.bag_file.os.write", full)
+            writer.write("/x", b"", START_NS, START_NS)
+            writer.flush()
+            writer.close()
+    assert writer.error is not None
+    found = read_manifest(tmp_path / "weld")
+    assert found is not None and check_files(tmp_path / "weld", found) == []
+
+
+def test_without_the_option_there_is_no_manifest(tmp_path: Path) -> None:
+    write_weld(tmp_path / "weld", 3, options=WriterOptions())
+    assert not (tmp_path / "weld" / MANIFEST_NAME).exists()
