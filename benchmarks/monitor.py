@@ -56,8 +56,11 @@ FLOORS = {
     "lag": 0.25,
 }  # fmt: skip
 MARGIN = 1.25
+#: wider on the paper's process: a first judgement, on other seeds, had four false alarms of these in a hundred welds,
+#: whose torque swings by itself
+WIDE = {("paper", "innovation_colour"): 2.0}
 #: welds that judge false alarms, and those of each fault; fewer on a canister, whose welds take longer
-WITHOUT_FAULT, FAULT_SEEDS = {"paper": 100, "canister": 30}, (2001, 2003)
+WITHOUT_FAULT, FAULT_SEEDS = {"paper": range(3000, 3100), "canister": range(1000, 1030)}, (2001, 2003)
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
@@ -267,7 +270,7 @@ def run(wanted, limits, folder):
     return [kept[key(*one, limits[one[0]])] for one in wanted]
 
 
-def tuned(rows):
+def tuned(process, rows):
     """Limits from welds without fault: the largest figure of all, and a margin."""
     largest = {}
     for row in rows:
@@ -277,7 +280,8 @@ def tuned(rows):
     own = {"oscillation_depth", "oscillation_temperature", "movement_force", "movement_speed"}
     for name in sorted(own | largest.keys()):
         floor = next(value for begin, value in FLOORS.items() if name.startswith(begin))
-        limit = max(floor, MARGIN * largest.get(name, 0.0))
+        margin = next((wide for (of, begin), wide in WIDE.items() if of == process and name.startswith(begin)), MARGIN)
+        limit = max(floor, margin * largest.get(name, 0.0))
         if not (
             name.startswith(("poor_control", "saturation", "stiction")) and limit >= 1.0
         ):  # a share cannot be larger
@@ -295,7 +299,7 @@ def tune(folder, seeds):
     content = {
         name: {
             "known_heat": name == "paper",
-            "limits": tuned([row for row in rows if row["process"] == name and not row["stopped"]]),
+            "limits": tuned(name, [row for row in rows if row["process"] == name and not row["stopped"]]),
         }
         for name in PROCESSES
     }
@@ -337,9 +341,9 @@ def main():
     if chosen.tune:
         tune(chosen.folder, range(1, 4 if quick else 31))
     limits = {name: one.model_dump() for name, one in load_limits().items()}
-    without = dict.fromkeys(PROCESSES, 3) if quick else WITHOUT_FAULT
+    without = dict.fromkeys(PROCESSES, range(1000, 1003)) if quick else WITHOUT_FAULT
     fault_seeds = (2001,) if quick else FAULT_SEEDS
-    wanted = [(process, "none", seed) for process in PROCESSES for seed in range(1000, 1000 + without[process])]
+    wanted = [(process, "none", seed) for process in PROCESSES for seed in without[process]]
     wanted += [(process, case, seed) for process in PROCESSES for case in CASES for seed in fault_seeds]
     rows = run(wanted, limits, chosen.folder)
     figures = {"cost_mean_ms": float(np.median([row["step_ms"]["mean"] for row in rows]))}

@@ -24,6 +24,8 @@ _SECOND = round(1.0 / TICK_S)
 _LEVEL_S, _SLOPE_S, _SPAN_S = 20, 60, 15
 #: a dead time that differs by less is the nominal one
 _DEAD_TIME_S = 0.4
+#: a swing is worth an alarm from so many standard deviations of the sensor's noise on
+_VISIBLE = 3.0
 #: a gain is known with this standard error
 _KNOWN = 0.03
 
@@ -141,7 +143,7 @@ class LoopWatch:
         errors = self._window.values()
         swing = oscillation(errors, step_s)
         self.period_s, self.amplitude = swing.period_s, swing.amplitude
-        found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > noise else 0.0}
+        found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * noise else 0.0}
         # a loop whose error is the sensor's noise cannot be better
         at_best = float(errors.var()) < 4.0 * noise**2 / self.EVERY
         found[f"poor_control_{self.name}"] = 0.0 if at_best else 1.0 - harris_index(errors, self._delay)
