@@ -51,7 +51,7 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._applied = AppliedCommands(_UNKNOWN)
         self._references = reference_queue(self)
         self._sensors: list[Subscription] = []
-        self._drives_s = self._told_s = float("-inf")
+        self._drives_s = float("-inf")
         self._newest_ns = 0
         self._told: dict[str, Finding | None] = {}
         self._longest_step_s = 0.0

@@ -26,6 +26,8 @@ _LEVEL_S, _SLOPE_S, _SPAN_S = 20, 60, 15
 _DEAD_TIME_S = 0.4
 #: a swing is worth an alarm from so many standard deviations of the sensor's noise on
 _VISIBLE = 3.0
+#: after a step of the set-point a loop has settled (chosen)
+_SETTLED_S = 60.0
 #: a gain is known with this standard error
 _KNOWN = 0.03
 
@@ -136,9 +138,9 @@ class LoopWatch:
             self._sum, self._n = 0.0, 0
 
     def figures(self, calm_s: float, noise: float) -> dict[str, float]:
-        """Figures, once the whole window is of set-points that stood; ``noise`` is the sensor's."""
+        """Figures, once the whole window is of a loop that has settled; ``noise`` is the sensor's."""
         step_s = self.EVERY * TICK_S
-        if not self._window.full or calm_s < self.SIZE * step_s:
+        if not self._window.full or calm_s < self.SIZE * step_s + _SETTLED_S:
             return {}
         errors = self._window.values()
         swing = oscillation(errors, step_s)
