@@ -153,9 +153,9 @@ def meanings(model: type[Model]) -> dict[str, str]:
 
 
 def messages() -> dict[str, str]:
-    """A page of the definitions of the messages, and one of the services."""
+    """A page of the definitions of the messages, one of the services, one of the actions."""
     pages = {}
-    for kind, name in (("msg", "messages"), ("srv", "services")):
+    for kind, name in (("msg", "messages"), ("srv", "services"), ("action", "actions")):
         lines = [f"The {name} of `fsw_msgs`, with their comments. Units are SI."]
         for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
             lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
@@ -271,15 +271,19 @@ def json_schemas() -> dict[str, str]:
 
 
 def command_line() -> dict[str, str]:
-    """All commands with their arguments: a page of the verbs for a running weld, of those for bags, and of the rest."""
+    """All commands with their arguments: pages of the verbs for a running weld, its nodes, bags, and of the rest."""
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
-    running = tuple(list(verbs)[: len(RUNNING)])  # each module adds one
+    nodes = ("param", "lifecycle", "hmi")
+    running = tuple(one for one in list(verbs)[: len(RUNNING)] if one not in nodes)  # each module adds one
     quality = ("procedure", "record")
-    studies = tuple(set(verbs) - {*running, *quality, "bag"})
+    whole = ("demo", "node", "completion")
+    studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
+        "command-line-nodes": ("Command line: nodes and the page", nodes),
         "command-line-studies": ("Command line: simulate, study, export", studies),
         "command-line-quality": ("Command line: procedures, records", quality),
+        "command-line-demo": ("Command line: demonstration, nodes, completion", whole),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
     pages, lines = {}, []

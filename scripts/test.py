@@ -41,7 +41,8 @@ if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for t
     print(__doc__)
     sys.exit()
 EXTRAS = ["fmu", "machine", "hmi", "canister", "quality"]
-ensure(dev=True, oldest=OLDEST in sys.argv, extras=EXTRAS if OLDEST in sys.argv else [*EXTRAS, "campaign"])
+NOT_OLDEST = [] if OLDEST in sys.argv else ["campaign", "build", "science", "gym"]
+ensure(dev=True, oldest=OLDEST in sys.argv, extras=[*EXTRAS, *NOT_OLDEST])
 
 
 def run(title: str, *command: str) -> int:

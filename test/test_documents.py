@@ -6,6 +6,7 @@ import importlib.util
 import io
 import re
 import shlex
+import sys
 from contextlib import redirect_stderr
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +32,7 @@ PARSERS = {
     "run_hmi.py": hmi_parser,
     "run_machine_server.py": machine_server_parser,
 }
-PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|scripts/\w+\.py) ")
+PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
 
 
@@ -63,10 +64,10 @@ def refusal(text: str) -> str | None:
     words = shlex.split(text.replace("[", "").replace("]", ""), comments=True)
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
-            return "python3 has none of the project's modules"
+            return None if words[2] in sys.stdlib_module_names else "python3 has none of the project's modules"
         return None if importlib.util.find_spec(words[2]) else f"no module {words[2]}"
     words = words[1:] if words[0] in ("python3", ".venv/bin/python") else words
-    script = WORKSPACE / ("scripts/fsw.py" if words[0] == "fsw.py" else words[0])
+    script = WORKSPACE / ("scripts/fsw.py" if words[0] in ("fsw.py", "fsw") else words[0])
     if not script.is_file():
         return f"no file {words[0]}"
     given, _, ros = (list(part) for part in _cut(words[1:], "--ros-args"))
@@ -85,7 +86,9 @@ def refusal(text: str) -> str | None:
             try:
                 PARSERS[script.name]().parse_args(given)
             except SystemExit as end:
-                only_named = words[0] == "fsw.py" and "are required" in printed.getvalue()  # "`fsw.py export c` writes"
+                only_named = (
+                    words[0] in ("fsw.py", "fsw") and "are required" in printed.getvalue()
+                )  # "`fsw.py export c` writes"
                 return None if end.code == 0 or only_named else printed.getvalue().splitlines()[-1]
         return None
     source = script.read_text(encoding="utf-8")
@@ -117,6 +120,7 @@ def test_a_command_in_the_documentation_can_run(page: str, text: str) -> None:
         "python3 -m distributed.cli.dask_scheduler",
         "python3 scripts/compare_controllers.py --no-such-option",
         "fsw.py bag info test/golden/no_such_weld",
+        "fsw simulate quick --no-such-option",
         "python3 scripts/no_such_script.py --help",
     ],
 )
@@ -146,6 +150,17 @@ def test_the_safety_case_is_whole(safety_case: ModuleType) -> None:
 def test_each_requirement_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
     requirements = yaml.safe_load(safety_case.REQUIREMENTS.read_text(encoding="utf-8"))
     assert set(requirements) - set(safety_case.marked(full=False)) == set()
+
+
+def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
+    """A file that names the node's module, and has a test without the mark."""
+    texts = [path.read_text(encoding="utf-8") for path in safety_case.test_files()]
+    texts = [text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)]
+    texts = [text for text in texts if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)]
+    nodes = [path for path in (WORKSPACE / "src").glob("*/*/*_node.py") if "\ndef main(" in path.read_text("utf-8")]
+    assert len(nodes) >= 10
+    named = [rf"\b{path.parent.name}(\.| import (\w+, )*){path.stem}\b" for path in nodes]
+    assert [name for name in named if not any(re.search(name, text) for text in texts)] == []
 
 
 def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:

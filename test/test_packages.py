@@ -3,6 +3,7 @@
 import ast
 import re
 import sys
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -75,8 +76,10 @@ KEYS = {
 KNOWN = {*KEYS.values(), "python3-pytest-timeout", "ament_cmake", "ament_index_python", "ros2launch"}
 KNOWN |= {"launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
 KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py"}
-KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
-KNOWN |= {"std_srvs"}
+KNOWN |= {
+    f"{kind}_msgs" for kind in ("action", "diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")
+}
+KNOWN |= {"std_srvs", "action_msgs", "lifecycle_msgs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
@@ -100,6 +103,12 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "pandas",
+    "xarray",
+    "control",
+    "do_mpc",
+    "gymnasium",
+    "shtab",
 }
 
 
@@ -252,6 +261,35 @@ def test_package_has_what_ament_looks_for(package: Path) -> None:
     assert (package / "resource" / package.name).is_file()
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None:
+    """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_schema.entry``)."""
+    setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
+    found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', setup)
+    for module, path in found:
+        if module == "fsw_schema.entry":
+            file, function = path.rpartition(".")[::2]
+            module, path = file, function
+        else:
+            assert module in ("fsw.main", "fsw_decentral", "fsw_nmpc"), f"{module}:{path} is no node's"
+        name = module.replace(".", "/")
+        candidates = [package / f"{name}.py", package / name / "__init__.py"]
+        [source] = [one for one in candidates if one.is_file()]
+        assert re.search(rf"\b{path}\b", source.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
+def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None:
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    root = ElementTree.parse(package / "package.xml").getroot()
+    [maintainer], author = root.findall("maintainer"), root.find("author")
+    assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
+    assert author is not None and [{"name": author.text}] == project["authors"]
+    assert root.findtext("license") == project["license"]["text"]
+    assert root.findtext("version") == project["version"]
+    assert root.findtext("url") == project["urls"]["Homepage"]
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)

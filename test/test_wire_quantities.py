@@ -16,6 +16,8 @@ _OF_CORE = {
     "depth_rate [m/s]": ("depth_rate_mm_per_s", 1e-3),
     "temperature_rate [degC/s]": ("temperature_rate_c_per_s", 1.0),
     "depth_gain": ("depth_gain", 1.0),
+    "thermal_gain": ("thermal_gain", 1.0),
+    "delay [s]": ("delay_s", 1.0),
     "force_deviation [N]": ("force_deviation_kn", 1e3),
     "power_deviation [W]": ("power_deviation_kw", 1e3),
     "torque_scale_deviation": ("torque_scale_deviation", 1.0),
@@ -24,6 +26,8 @@ _OF_CORE = {
     "depth_rate_deviation [m/s]": ("depth_rate_deviation_mm_per_s", 1e-3),
     "temperature_rate_deviation [degC/s]": ("temperature_rate_deviation_c_per_s", 1.0),
     "depth_gain_deviation": ("depth_gain_deviation", 1.0),
+    "thermal_gain_deviation": ("thermal_gain_deviation", 1.0),
+    "delay_deviation [s]": ("delay_deviation_s", 1.0),
     "copper_temperature [degC]": ("copper_temperature_c", 1.0),
     "attainable_depth [m]": ("attainable_depth_mm", 1e-3),
     "attainable_temperature [degC]": ("attainable_temperature_c", 1.0),
@@ -32,12 +36,14 @@ _OF_CORE = {
 
 @pytest.mark.parametrize("make", [NmpcController, DecentralController])
 def test_estimated_disturbances_go_out_in_si(make):
-    controller, applied = make(), Command(weld.FORCE_KN, weld.SPEED_RPM)
+    controller = make({"preset": "adaptive"}) if make is NmpcController else make()
+    applied = Command(weld.FORCE_KN, weld.SPEED_RPM)
     controller.reset(applied)
     reference = Reference(weld.DEPTH_MM, weld.TEMPERATURE_C)
-    for k in range(1, 20):
+    for k in range(1, 80):  # until the power has moved
         measurement = Measurement(0.1 * k, weld.DEPTH_MM + 0.02, 1030.0, weld.TEMPERATURE_C + 2.0)
         proposal = controller.step(measurement, reference, applied, weld.TICK_S)
+        applied = proposal.command
     core = proposal.diagnosis.disturbances
     message = convert.status_message(proposal, 1, controller.name, "", ())
     assert len(message.disturbance_names) == len(core)

@@ -18,7 +18,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     entry_points={
-        "console_scripts": ["decentral = fsw_decentral.decentral_node:main"],
+        "console_scripts": ["decentral = fsw_schema.entry:fsw_decentral.decentral_node.main"],
         "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],
     },
 )

@@ -13,7 +13,7 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "machine = fsw_machine.machine_node:main",
+            "machine = fsw_schema.entry:fsw_machine.machine_node.main",
         ]
     },
 )

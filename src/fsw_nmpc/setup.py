@@ -18,7 +18,7 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     entry_points={
-        "console_scripts": ["nmpc = fsw_nmpc.nmpc_node:main"],
+        "console_scripts": ["nmpc = fsw_schema.entry:fsw_nmpc.nmpc_node.main"],
         "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],
     },
 )

@@ -15,8 +15,8 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "monitor = fsw_quality.monitor_node:main",
-            "procedure = fsw_quality.procedure_node:main",
+            "monitor = fsw_schema.entry:fsw_quality.monitor_node.main",
+            "procedure = fsw_schema.entry:fsw_quality.procedure_node.main",
         ]
     },
 )

@@ -15,8 +15,8 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "recorder = fsw_recorder.recorder_node:main",
-            "replay = fsw_recorder.replay_node:main",
+            "recorder = fsw_schema.entry:fsw_recorder.recorder_node.main",
+            "replay = fsw_schema.entry:fsw_recorder.replay_node.main",
         ]
     },
 )

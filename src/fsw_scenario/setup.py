@@ -15,9 +15,9 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "scenario = fsw_scenario.scenario_node:main",
-            "controller = fsw_scenario.controller_node:main",
-            "open_loop = fsw_scenario.open_loop_node:main",
+            "scenario = fsw_schema.entry:fsw_scenario.scenario_node.main",
+            "controller = fsw_schema.entry:fsw_scenario.controller_node.main",
+            "open_loop = fsw_schema.entry:fsw_scenario.open_loop_node.main",
         ]
     },
 )

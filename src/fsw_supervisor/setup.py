@@ -13,5 +13,5 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
-    entry_points={"console_scripts": [f"supervisor = {PACKAGE}.supervisor_node:main"]},
+    entry_points={"console_scripts": [f"supervisor = fsw_schema.entry:{PACKAGE}.supervisor_node.main"]},
 )

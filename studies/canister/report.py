@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
 from fsw_analysis.figure_style import COLOURS, STYLE, colours_of
+from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
 
 PI = ("decentral:conservative", "decentral:tight")
@@ -303,7 +304,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     written = []
     for name, picture in pictures.items():
         text = environment.get_template(f"{name}.md.j2").render(
-            **data, limits=limits, **{one.__name__: one for one in functions}
+            **data, limits=limits, tolerance_k=TOLERANCE_K, **{one.__name__: one for one in functions}
         )
         page, figure = folder / f"{name}.md", folder / f"{name}.png"
         page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")

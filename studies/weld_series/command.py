@@ -33,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="weld_series.py", description="Weld a series of canisters, and their history."
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
     parser.add_argument("--out", type=Path, default=Path("out") / "weld_series", help="folder, new or empty")
     chosen = parser.parse_args(arguments)
     folder: Path = chosen.out
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
         prepare(PlantConfig.from_values(parse(scenario_text(1), "series").plant))
         rows = []
-        with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        with ProcessPoolExecutor(max(1, chosen.workers)) as pool:
             for row in pool.map(partial(judged, folder=folder), range(1, chosen.welds + 1)):
                 rows.append(row)
                 print(f"\r{len(rows)} of {chosen.welds} welds", end="", file=sys.stderr, flush=True)

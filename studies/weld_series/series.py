@@ -41,7 +41,7 @@ def scenario_text(number: int) -> str:
         drift = {"sensor": "thermocouple", "kind": "drift", "magnitude_c": DRIFT_C_PER_MIN / 60.0}
         events.append({"at_s": FAULT_S, "fault": drift})
     if special == "operator":
-        points.append({"at_s": 130.0, "temperature_c": WRONG_C})
+        points.append({"at_s": 130.0, "temperature_c": WRONG_C, "over_s": 20.0})
     canister = {key: value for key, value in load("canister_weld_heat").plant.items() if key.startswith("canister.")}
     start = {"start.temperature_c": 814.0, "start.power_kw": 48.0}
     return yaml.safe_dump(

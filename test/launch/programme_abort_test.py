@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from std_srvs.srv import Trigger
+from action_msgs.srv import CancelGoal
 from weld_under_test import Observer, WeldUnderTest, exit_codes, post_shutdown_test
 
 import fsw_scenario
@@ -31,8 +31,8 @@ class TestAbort(unittest.TestCase):
             states = eye.listen(SupervisorState, "/fsw/supervisor/state", LATEST)
             depths = eye.listen(ShoulderDepth, "/fsw/depth")
             eye.until(lambda: states and states[-1].actual_mode == "auto", "automatic control")
-            answer = eye.call(Trigger, "/fsw/weld/abort", Trigger.Request())
-            self.assertTrue(answer.success, answer.message)
+            answer = eye.call(CancelGoal, "/fsw/run_weld/_action/cancel_goal", CancelGoal.Request())
+            self.assertEqual(len(answer.goals_canceling), 1)
             eye.until(lambda: states[-1].actual_mode == "safe_stop", "the safe stop")
             eye.until(lambda: "fsw_scenario" not in eye.node.get_node_names(), "the end of the player")
             seen = len(depths)

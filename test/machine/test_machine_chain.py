@@ -5,6 +5,8 @@ import signal
 from math import isnan
 
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from machine_weld import GRAPH, MachineWeld
 
 from fsw_scenario.launcher import Launcher
@@ -111,6 +113,19 @@ def test_a_long_stall(weld):
     weld.proxy.flow()
     weld.runs()
     assert weld.taken()[count][0] > weld.taken()[count - 1][0] + 10
+
+
+def test_a_deactivated_gateway_leaves_the_machine_to_its_watchdog(weld):
+    change = weld.node.create_client(ChangeState, "fsw_machine/change_state")
+
+    def ask(transition):
+        return weld.call(change, ChangeState.Request(transition=Transition(id=transition))).success
+
+    weld.runs()
+    assert ask(Transition.TRANSITION_DEACTIVATE)
+    weld.until_safe()
+    assert ask(Transition.TRANSITION_ACTIVATE)
+    weld.until_report("writes", "taken")
 
 
 @pytest.mark.requirement("S14")

@@ -1,3 +1,51 @@
-"""The command line: a module per command parses its arguments and calls what does the work."""
+"""Friction stir welding, simulated, controlled and analysed.
+
+``import fsw`` loads next to nothing; what is used is imported at its first use. The command line is beside it, a module
+per command.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import fsw_scenario  # noqa: F401  (before numpy: it sets the threads of the linear algebra)
+
+if TYPE_CHECKING:
+    from fsw.controller import Controller as Controller
+    from fsw.processes import Identified as Identified
+    from fsw.processes import Model as Model
+    from fsw.processes import identify as identify
+    from fsw.processes import model as model
+    from fsw.welds import Comparison as Comparison
+    from fsw.welds import Weld as Weld
+    from fsw.welds import compare as compare
+    from fsw.welds import read_bag as read_bag
+    from fsw.welds import simulate as simulate
+    from fsw_control.contract import Command as Command
+    from fsw_control.contract import Limits as Limits
+    from fsw_control.contract import Measurement as Measurement
+    from fsw_control.contract import Proposal as Proposal
+    from fsw_control.contract import Reference as Reference
+
+__version__ = "0.1.0"
+#: public names, by the module that has them
+_PLACES = {
+    "fsw.controller": ("Controller",),
+    "fsw.processes": ("Identified", "Model", "identify", "model"),
+    "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
+    "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
+}
+_PLACE = {name: module for module, names in _PLACES.items() for name in names}
+__all__ = sorted(_PLACE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_PLACE[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -10,7 +10,7 @@ from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
 from fsw.options import add_file, add_force, add_number, add_repeated
 from fsw.outputs import check_new, write_json
-from fsw.simulate import assignment
+from fsw.simulate_command import assignment
 from fsw_analysis.replay import replay
 from fsw_analysis.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S

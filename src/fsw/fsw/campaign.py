@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from fsw.console import program
 from fsw.errors import CommandError
 from fsw.options import add_file, add_force
 from fsw.outputs import check_new, default_folder
@@ -50,7 +51,7 @@ def _run(arguments: argparse.Namespace) -> int:
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
-        raise CommandError(f"campaign: {error}; install the packages in requirements/campaign.lock") from None
+        raise CommandError(f"campaign: {error.name} is missing: pip install distributed pyarrow") from None
     report = arguments.file == _REPORT
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):
@@ -89,7 +90,7 @@ def _weld(arguments: argparse.Namespace) -> int:
             state = f"{len(written.done)} of {total} welds are in {folder}"
             print(f"interrupted; {state}; continue with --resume", file=sys.stderr)
             return 130
-    print(f"in {folder}: {total} welds, {total - there} of them new; next: fsw.py campaign report {folder}")
+    print(f"in {folder}: {total} welds, {total - there} of them new; next: {program()} campaign report {folder}")
     return 0
 
 

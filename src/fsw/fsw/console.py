@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -26,3 +28,8 @@ def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), words
     if not console.is_terminal:
         console.width = _ANY_WIDTH
     console.print(table)
+
+
+def program() -> str:
+    """Name of the command line: ``fsw`` where the package is installed, ``fsw.py`` in the repository."""
+    return "fsw" if Path(sys.argv[0]).name == "fsw" else "fsw.py"

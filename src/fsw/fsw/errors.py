@@ -44,8 +44,8 @@ def exit_code(action: Callable[[], int]) -> int:
     except _SHOWN as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"interrupted{f': {interrupt}' if interrupt.args else ''}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # the reader of the output has ended; nothing may be flushed at exit

@@ -9,7 +9,7 @@ from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.options import add_file, add_repeated
 from fsw.progress import ProgressBar
-from fsw.simulate import assignment
+from fsw.simulate_command import assignment
 
 if TYPE_CHECKING:
     from fsw_export.choice import Choice

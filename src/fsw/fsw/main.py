@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from fsw import __version__
+from fsw.console import program
 from fsw.errors import exit_code
 
 #: modules of the commands for a running weld, in the order of the help
@@ -21,35 +23,29 @@ RUNNING = (
     "acknowledge",
     "weld",
     "params",
+    "lifecycle",
     "hmi",
 )
 _COMMANDS = (
-    *RUNNING,
-    "simulate",
-    "campaign",
-    "model",
-    "canister",
-    "export",
-    "identify",
-    "tune",
-    "procedure",
-    "record",
-    "monitor",
-    "history",
+    *(*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record"),
+    *("monitor", "history", "demo", "node", "completion"),
 )
+#: modules of the commands whose name is that of a function of the package
+_MODULES = {name: f"{name}_command" for name in ("simulate", "model", "identify")}
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line."""
+def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
+    """The whole command line; ``name`` is what the user has typed, ``fsw`` where the package is installed."""
     whole = argparse.ArgumentParser(
-        prog="fsw.py",
+        prog=name,
         description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
-        epilog="Units: mm, degC, kN, rpm, N m, kW, s. 'fsw.py COMMAND --help' lists the ranges.",
+        epilog="Units: mm, degC, kN, rpm, N m, kW, s. '%(prog)s COMMAND --help' lists the ranges.",
     )
+    whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _COMMANDS:
-        import_module(f"fsw.{name}").add_command(commands)
+        import_module(f"fsw.{_MODULES.get(name, name)}").add_command(commands)
     bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
@@ -59,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
-    parsed = parser().parse_args(arguments)
+    parsed = parser(program()).parse_args(arguments)
     return exit_code(lambda: int(parsed.run(parsed)))
 
 

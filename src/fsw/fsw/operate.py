@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fsw.options import add_number
@@ -28,6 +28,20 @@ def add_graph_options(parser: argparse.ArgumentParser) -> None:
     wait = "maximum time to wait for an answer, 0.1 to 600 s (default 5)"
     add_number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
     parser.add_argument("--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)")
+
+
+def add_verbs(
+    commands: Any, name: str, text: str, verbs: Mapping[str, str], run: Callable[[argparse.Namespace], int]
+) -> dict[str, argparse.ArgumentParser]:
+    """Add a command that has commands of its own (``verb``, with their help), all for the running graph."""
+    parser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
+    added = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    parsers = {}
+    for verb, words in verbs.items():
+        parsers[verb] = one = added.add_parser(verb, help=words, description=f"{verb}: {words}.")
+        add_graph_options(one)
+        one.set_defaults(run=run, verb=verb)
+    return parsers
 
 
 def health(controller: Any) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import Log
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -20,8 +21,15 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import reference_queue, subscribe_references
-from fsw_control.topics_ros import STREAM
+from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth
+
+#: what offers the services, by the second part of their names
+_SERVERS = {"plant": "plant", "weld": "scenario player", "run_weld": "scenario player"}
+#: how long to wait for a line of another node's log, which comes on its own way
+_LOG_S = 2.0
+#: by how much the clocks of two computers may differ (chosen)
+_CLOCKS_S = 0.5
 
 
 class Operator:
@@ -53,7 +61,7 @@ class Operator:
         """Call a service; CommandError when no node offers it or none answers in time."""
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            server = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[1], "supervisor")
+            server = _SERVERS.get(name.split("/")[1], "supervisor")
             full = self.node.resolve_service_name(name)
             raise CommandError(f"no node offers {full} on {domain_text()}: is the {server} running there?")
         return self.answer(client.call_async(request), name, extra_s)
@@ -80,6 +88,29 @@ class Operator:
         if depths:
             return set_points.at(convert.stamp_ns(depths[-1].header.stamp))
         return set_points.at(self.node.get_clock().now().nanoseconds)
+
+
+class LogLines:
+    """What a node of the namespace logs from now on that begins with some words.
+
+    By the clocks of two computers, where it runs on another one. What was logged before the subscription was matched is
+    sent once more, so none is missed.
+    """
+
+    def __init__(self, node: Operator, name: str, begin: str) -> None:
+        self._node, self._begin = node, begin
+        self._logger = f"{node.node.get_namespace()}/{name}".replace("/", ".").strip(".")
+        self._logs = node.watch(Log, "/rosout", LATCHED)
+        self._since_s = time.time() - _CLOCKS_S
+
+    def _lines(self) -> list[str]:
+        new = (one for one in self._logs if one.stamp.sec + 1e-9 * one.stamp.nanosec >= self._since_s)
+        return [one.msg for one in new if one.name == self._logger and one.msg.startswith(self._begin)]
+
+    def last(self) -> str:
+        """The newest line, for which some time is waited; empty if there is none."""
+        self._node.wait_until(self._lines, _LOG_S)
+        return next(reversed(self._lines()), "")
 
 
 def domain_text() -> str:

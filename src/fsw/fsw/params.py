@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.operate import add_graph_options
+from fsw.operate import add_verbs
 
 _VERBS = {
     "list": "all parameters of a node with their values and meaning",
@@ -16,18 +16,12 @@ _VERBS = {
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    text = "parameters of a running node: list, get, set"
-    parser = commands.add_parser("param", help=text, description=f"param: {text}.")
-    verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for verb, words in _VERBS.items():
-        one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
+    parsers = add_verbs(commands, "param", "parameters of a running node: list, get, set", _VERBS, _run)
+    for verb, one in parsers.items():
         one.add_argument("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")
         if verb != "list":
             one.add_argument("name", metavar="NAME", help="of the parameter")
-        if verb == "set":
-            one.add_argument("value", metavar="VALUE", help="new value, as YAML")
-        add_graph_options(one)
-        one.set_defaults(run=_run, verb=verb)
+    parsers["set"].add_argument("value", metavar="VALUE", help="new value, as YAML")
 
 
 def _run(arguments: argparse.Namespace) -> int:

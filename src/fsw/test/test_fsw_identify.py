@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fsw import identify
+from fsw import identify_command as identify
 from fsw.main import main
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import ModelParameters

@@ -17,6 +17,7 @@ from fsw_quality.record import Record, make
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
 from fsw_test_support.programme_bag import write_programme_weld
+from fsw_test_support.waiting import wait_until
 
 pytest.importorskip("fpdf", reason="fpdf2 is not installed: pip install -r requirements/quality.lock")
 
@@ -57,8 +58,23 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded")
     scenario = folder / "short_weld.yaml"
     scenario.write_text(yaml.safe_dump(SCENARIO, sort_keys=False), encoding="utf-8")
-    assert main(["simulate", str(scenario), "--bag", "--no-figures", "--out", str(folder / "out")]) == 0
-    return folder / "out" / "graph_decentral" / "bag"
+    words = ["simulate", str(scenario), "--bag", "--procedure", str(with_changes(folder)), "--no-figures"]
+    assert main([*words, "--out", str(folder / "out")]) == 0
+    bag = folder / "out" / "graph_decentral" / "bag"
+    wait_until((bag / "on_finished.log").exists, "the record that is written by itself")
+    return bag
+
+
+@pytest.mark.slow
+def test_the_record_is_written_by_itself(recorded: Path) -> None:
+    """By the procedure of the weld, whose limits the nodes had; what they told is on record."""
+    log = (recorded / "on_finished.log").read_text(encoding="utf-8")
+    assert log.endswith("exit code 0\n"), log
+    found = Record.model_validate_json((recorded / "record" / "record.json").read_text(encoding="utf-8"))
+    assert found.verdict == "review" and (recorded / "record" / "record.pdf").exists()
+    assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(found.attachments_sha256)
+    assert "code of fsw_supervisor" in found.software
+    assert not [one for one in found.events if one.kind == "deviation"]
 
 
 @pytest.mark.slow

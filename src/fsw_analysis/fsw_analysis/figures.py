@@ -129,6 +129,13 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
     return paths
 
 
+def page(runs: Sequence[Run], number: int | None = None, title: str = "") -> Figure:
+    """One figure of the paper (4 to 9), or an overview, of at least one run, to be shown; see :func:`draw`."""
+    name, panels = ("Overview", _OVERVIEW) if number is None else _FIGURES[number]
+    with matplotlib.rc_context(STYLE):
+        return _drawn(runs, title or name, panels, 2 if number is None else 1)
+
+
 def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
     """Draw depth, temperature and their errors, as the paper's Figs. 6 and 8, under another title."""
     _draw_page(runs, title, _OUTPUTS, 1, path)
@@ -143,15 +150,22 @@ def _draw_page(
     runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, path: Path, phases: Sequence[Span] = ()
 ) -> None:
     with matplotlib.rc_context(STYLE):
-        figure, axes = _page(title, panels, columns)
-        for axis, panel in zip(axes, panels, strict=True):
-            draw_runs = _draw_panel if panel.error is None else _draw_error
-            draw_runs(axis, panel, runs)
-        _mark_events(axes, runs)
-        if len(runs) == 1:
-            _mark_swaps(axes, runs[0].signals)
-        _mark_phases(axes, phases)
-        _finish(figure, axes, path)
+        _drawn(runs, title, panels, columns, phases).savefig(path, format="png")
+
+
+def _drawn(
+    runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, phases: Sequence[Span] = ()
+) -> Figure:
+    figure, axes = _page(title, panels, columns)
+    for axis, panel in zip(axes, panels, strict=True):
+        draw_runs = _draw_panel if panel.error is None else _draw_error
+        draw_runs(axis, panel, runs)
+    _mark_events(axes, runs)
+    if len(runs) == 1:
+        _mark_swaps(axes, runs[0].signals)
+    _mark_phases(axes, phases)
+    _add_legend(figure, axes)
+    return figure
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
@@ -165,7 +179,8 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
             values = columns[panel.quantity]
             _line(axis, panel, columns["time_s"], values, color=_OPEN_LOOP_COLOURS[int(panel.is_input)])
             _scale(axis, replace(panel, limits=None), [values])
-        _finish(figure, axes, path)
+        _add_legend(figure, axes)
+        figure.savefig(path, format="png")
 
 
 def _page(title: str, panels: Sequence[_Panel], columns: int) -> tuple[Figure, list[Axes]]:
@@ -182,8 +197,8 @@ def _page(title: str, panels: Sequence[_Panel], columns: int) -> tuple[Figure, l
     return figure, list(grid.flat)
 
 
-def _finish(figure: Figure, axes: Sequence[Axes], path: Path) -> None:
-    """Add one legend for all axes, below them, and write the file."""
+def _add_legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Add one legend for all axes, below them."""
     named: dict[str, Any] = {}
     for axis in axes:
         named |= {label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
@@ -194,7 +209,6 @@ def _finish(figure: Figure, axes: Sequence[Axes], path: Path) -> None:
         figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
         columns = -(-len(named) // rows)
         figure.legend(named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False)
-    figure.savefig(path, format="png")
 
 
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:

@@ -2,6 +2,8 @@
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
 So it does in real time after the programme of a weld was aborted: the safe stop is carried out and can be acknowledged.
+Without a scenario a player waits for welds as goals of the action fsw/run_weld.
+Plant, gateway and recorder are managed nodes that configure and activate themselves, unless autostart is false.
 Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the
 launch. So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
 restarted half-way, so its end is the end of the launch. To start a supervisor again
@@ -68,11 +70,23 @@ ARGUMENTS = {
     "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
+    "autostart": (
+        "true",
+        "Whether the managed nodes (plant, gateway, recorder) configure and activate themselves; false: they wait for "
+        "`ros2 lifecycle set`",
+    ),
     "log_level": ("info", "Log level of all nodes"),
 }
 TRUE, FALSE = ("true", "True"), ("false", "False")
 FLAG = [*TRUE, *FALSE]
-CHOICES = {"record": FLAG, "monitor": FLAG, "hmi": FLAG, "realtime": FLAG, "standby": ["", *FLAG]}
+LEVELS = ["debug", "info", "warn", "error", "fatal"]
+CHOICES = {
+    **dict.fromkeys(("record", "monitor", "hmi", "realtime", "autostart"), FLAG),
+    "standby": ["", *FLAG],
+    "log_level": [*LEVELS, *map(str.upper, LEVELS)],
+}
+#: programs that are managed nodes
+MANAGED = ("fsw_plant", "fsw_machine", "fsw_recorder")
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -126,6 +140,9 @@ def weld(context: LaunchContext) -> list[Any]:
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if speed is not None:
         page["use_sim_time"] = True
+    if arguments["autostart"] in FALSE:
+        for name in MANAGED:
+            parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"]["autostart"] = False
     if arguments["procedure"]:
         _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
@@ -148,6 +165,8 @@ def weld(context: LaunchContext) -> list[Any]:
         actions.append(node.standby(**_respawn()))
     if scenario is not None:
         actions.append(node("fsw_scenario", "scenario", on_exit=_after_player(realtime=speed is None)))
+    else:
+        actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
 
 
@@ -237,6 +256,7 @@ def _parameters_by_hand(
         "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + standby + record},
         "fsw_supervisor": {"controller": next(iter(controllers))},
         "fsw_recorder": {},
+        "fsw_scenario": {"scenario": "", "wait_for_controllers": len(controllers)},
     } | {f"fsw_{name}": {**values} for name, values in controllers.items()}
     if speed is not None:
         for name, values in nodes.items():

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from fsw_control import parameters
+from fsw_control.diagnostic_names import qualified
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 FILES = {
@@ -103,3 +104,23 @@ def test_foxglove_layout_shows_fields_that_exist():
         return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
 
     assert sorted(leaves(layout["layout"])) == sorted(panels)
+
+
+def analyzers(values):
+    for value in values.values():
+        if isinstance(value, dict):
+            if "contains" in value:
+                yield value["path"], value["contains"]
+            yield from analyzers(value.get("analyzers", value))
+
+
+def test_every_report_has_one_analyzer_in_any_namespace():
+    """The nodes that report are those of the parameter file, except for replay, player and page."""
+    content = yaml.safe_load((CONFIG / "diagnostic_analyzers.yaml").read_text(encoding="utf-8"))
+    found = dict(analyzers(content["/**"]["ros__parameters"]))
+    reporting = [node for node in FILES if node not in ("fsw_replay", "fsw_scenario", "fsw_hmi")]
+    for namespace in ("/", "/cell1"):
+        for node in reporting:
+            name = f"{qualified(namespace, node)}: part"
+            assert sum(text in name for texts in found.values() for text in texts) == 1, name
+    assert sum(map(len, found.values())) == len(reporting)

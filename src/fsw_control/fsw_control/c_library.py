@@ -2,8 +2,8 @@
 
 The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
 never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
-library (``setup.py``); it is used if it was made from the same sources. Where there is no compiler, the ziglang wheel
-brings one.
+library (``setup.py``, ``scripts/wheel_kernels.py``); it is used if it was made from the same sources. Where there is no
+compiler, the ziglang wheel brings one.
 """
 
 from __future__ import annotations
@@ -157,21 +157,25 @@ class CLibrary:
         """Return a usable library, built now if necessary; RuntimeError if there is none and none can be built."""
         return self.find() or self.build()
 
-    def build(self, library: Path | None = None) -> Path:
-        """Compile the library for this machine.
+    def build(self, library: Path | None = None, portable: Sequence[str] | None = None) -> Path:
+        """Compile the library for this machine, or for all of its architecture.
 
         Parameters
         ----------
         library : Path, optional
             Where the shared library goes, the user's cache by default; replaced at once, so that running controllers
             keep theirs.
+        portable : sequence of str, optional
+            Command of the compiler for a library that goes to other machines; by default, :func:`needed_compiler`
+            compiles for the processor of this one.
 
         Raises
         ------
         RuntimeError
             If there is no compiler or it fails; the message has the compiler's output.
         """
-        command = needed_compiler()
+        command = list(portable or needed_compiler())
+        native = [NATIVE] if _processor() and portable is None else []
         identity = f'-D{self._macro}="{self.source_id()}"'
         files = [str(self.folder / name) for name in self.sources]
         try:
@@ -180,8 +184,10 @@ class CLibrary:
             with replacing(library) as target:
                 arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
                 try:
-                    run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
+                    run_compiler([*command, *native, *arguments])
                 except RuntimeError:
+                    if not native:
+                        raise
                     run_compiler([*command, *arguments])
                 target.chmod(0o755)
         except OSError as error:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
@@ -58,6 +59,20 @@ class _Interrupts:
             raise KeyboardInterrupt
 
 
+def _spin(node: Node) -> None:
+    """Spin until shutdown. A request for a transition that a managed node does not have now does not end it.
+
+    rclpy raises it as a RuntimeError of its own out of the service's callback.
+    """
+    while True:
+        try:
+            return rclpy.spin(node)
+        except RuntimeError as error:
+            if not isinstance(node, LifecycleNode) or "transition" not in str(error):
+                raise
+            node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
+
+
 def run(factory: Callable[..., Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
     """Make the node and spin it until SIGINT, SIGTERM or shutdown.
 
@@ -97,7 +112,7 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
                 arguments.check(argv)
             node = factory(*words)
             interrupts.phase = "spinning"
-            rclpy.spin(node)
+            _spin(node)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:

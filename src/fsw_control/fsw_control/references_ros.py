@@ -14,6 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.service import Service
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
@@ -55,7 +56,9 @@ def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | Non
         return None
 
 
-def subscribe_sent(node: Node, queue: ReferenceQueue, received: Callable[[str], object] = lambda _: None) -> None:
+def subscribe_sent(
+    node: Node, queue: ReferenceQueue, received: Callable[[str], object] = lambda _: None
+) -> Subscription:
     """Put the set-points that are sent into ``queue``; ``received`` gets the mark of each."""
     queue.join(time.time_ns())
 
@@ -67,7 +70,7 @@ def subscribe_sent(node: Node, queue: ReferenceQueue, received: Callable[[str], 
         queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), message.mark)
         received(message.mark)
 
-    node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
+    return node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
 
 
 def subscribe_references(node: Node, queue: ReferenceQueue) -> None:

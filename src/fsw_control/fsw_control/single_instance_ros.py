@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from fsw_control.reports_ros import INSTANCE
@@ -49,22 +50,30 @@ class SingleInstanceGuard:
             If there is one.
         """
         node = self._node
+        # A node that is being spun, in a callback of which this is called, is not spun inside that.
+        own = node.executor is not None
+        listener = _listener(node) if own else node
+        executor = SingleThreadedExecutor(context=node.context) if own else None
         subscriptions = [
-            node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
-            node.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, 10),
+            listener.create_subscription(
+                DiagnosticArray, node.resolve_topic_name("/diagnostics"), self._on_diagnostics, 10
+            ),
+            listener.create_subscription(ShoulderDepth, self._topic, self._on_depth, 10),
         ]
         try:
             begin = announce_s = time.monotonic()
             wait_s = discovery_s
             while not self._heard and time.monotonic() < begin + wait_s:
-                rclpy.spin_once(node, timeout_sec=0.05)
+                rclpy.spin_once(listener, executor=executor, timeout_sec=0.05)
                 if time.monotonic() >= announce_s:  # its own message ends the spin, so not at every turn
                     announce_s += _ANNOUNCE_S
                     announce()
                 wait_s = max(discovery_s, LIVENESS_S) if self._others() else discovery_s
         finally:
             for subscription in subscriptions:
-                node.destroy_subscription(subscription)
+                listener.destroy_subscription(subscription)
+            if own:
+                listener.destroy_node()
         if self._heard:
             raise AnotherPlantError(
                 f"{self._heard} on {self._topic} of domain {node.context.get_domain_id()}: "
@@ -89,3 +98,15 @@ class SingleInstanceGuard:
             # Of two that start together the one with the lower number may stay.
             if status.message != STARTING or other < self.instance:
                 self._heard = "a plant runs already"
+
+
+def _listener(node: Node) -> Node:
+    """A hidden node beside another one; none of its names are remapped."""
+    return rclpy.create_node(
+        f"_{node.get_name()}_guard",
+        context=node.context,
+        namespace=node.get_namespace(),
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )

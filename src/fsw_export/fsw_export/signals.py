@@ -83,6 +83,8 @@ NMPC_OUTPUTS = (
     Signal("depth_offset_mm", "real", "mm", "estimate: offset of the depth sensor", "disturbance[3]"),
     Signal("temperature_offset_c", "real", "degC", "estimate: offset of the thermocouple", "disturbance[4]"),
     Signal("depth_gain", "real", "", "estimate: factor on the gain of the depth over the force", "disturbance[7]"),
+    Signal("thermal_gain", "real", "", "estimate: factor on the effect of the power on the copper", "disturbance[8]"),
+    Signal("delay_s", "real", "s", "estimate: delay of the power beyond the model's dead time", "disturbance[9]"),
 )
 
 DECENTRAL_INPUTS = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Duration
 from rclpy.client import Client
 from rclpy.node import Node
@@ -63,7 +64,9 @@ class Orders:
         self._switch = node.create_client(SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
-        self._weld = {verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume", "abort")}
+        self._weld = {verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume")}
+        # by this service of every action, because the goal is another node's
+        self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
         self._disturb = node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
         self._fail = node.create_client(SetFault, "fsw/plant/set_fault")
 
@@ -99,6 +102,8 @@ class Orders:
                     depth=units.m_from_mm(action.depth_mm), temperature=action.temperature_c, ramp=action.ramp
                 )
                 return self._set_reference, "supervisor", wanted
+            case Programme(action="abort"):
+                return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
                 return self._weld[action.action], "programme", Trigger.Request()
             case Disturb():
@@ -138,9 +143,8 @@ class Orders:
         if error is not None:
             self._end(call, REFUSED, f"the {call.offered_by} could not be asked: {error}")
             return
-        response = future.result()
-        ok = response.success if isinstance(response, Trigger.Response) else response.ok
-        self._end(call, DONE if ok else REFUSED, str(response.message).removeprefix("refused: "))
+        ok, message = _outcome(future.result())
+        self._end(call, DONE if ok else REFUSED, message.removeprefix("refused: "))
 
     def _end(self, call: _Call, outcome: str, message: str) -> None:
         if call in self._calls:
@@ -153,6 +157,14 @@ class Orders:
         if call.future is not None:
             future, call.future = call.future, None
             call.client.remove_pending_request(future)
+
+
+def _outcome(response: Any) -> tuple[bool, str]:
+    """Whether a service has done what it was asked for, and its words."""
+    if isinstance(response, CancelGoal.Response):
+        ok = bool(response.goals_canceling)
+        return ok, "the weld is aborted" if ok else "no weld is under way that could be aborted"
+    return response.success if isinstance(response, Trigger.Response) else response.ok, str(response.message)
 
 
 def _mode(mode: str, force_kn: float | None = None, speed_rpm: float | None = None) -> SetMode.Request:

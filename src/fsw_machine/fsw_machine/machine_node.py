@@ -13,11 +13,11 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
+from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, problem
@@ -36,46 +36,69 @@ try:
     from fsw_machine import certificates
     from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
-    sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
+    sys.exit(f"fsw_machine: {error.name} is missing: pip install asyncua")
 
 _CHECK_S = 0.2
 _REPORT_S = 1.0
 
 
-class MachineNode(Node):
+class MachineNode(ManagedNode):
     """Publishes what the machine measures and writes the commands that its gateway accepts.
 
     The link's thread appends events to a queue and triggers a guard condition; everything else happens in the
-    executor's thread.
+    executor's thread. It is a managed node: there is a session with the machine while it is active.
     """
 
     def __init__(self) -> None:
         super().__init__("fsw_machine")
         self._settings = declare(self, "fsw_machine", "gateway.yaml")
-        values = self._settings.values
-        given = values["machine_file"]
+        self._settings.add_check(partial(problem, Limits.from_parameters))
+        self._settings.on_change(self._on_parameters)
+        self._link: MachineLink | None = None
+        if self._settings["autostart"]:
+            self.start()
+
+    def configure(self) -> None:
+        """Read the machine file, check what it needs, and announce the topics."""
+        given = self._settings["machine_file"]
         path = Path(given).expanduser() if given else Path(str(resources.files("fsw_machine") / "machine.yaml"))
         self._machine = MachineFile.load(path)
         self._check_secrets()
-        self._gateway = Gateway(self._machine, values)
+        self._gateway = Gateway(self._machine, self._settings.values)
         self._events: deque[Event] = deque()
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
         self._stalled_s = self._longest_write_s = 0.0
         self._reported = (0, 0)
         self._logged: dict[str, tuple[bytes, str]] = {}
         self._refused = ""
-        guard = SingleInstanceGuard(self)
-        self._open_topics(guard.instance)
+        self._guard = SingleInstanceGuard(self)
+        self._depths, self._torques, self._temperatures = sensor_publishers(self)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self, instance=self._guard.instance)
+
+    def activate(self) -> None:
+        """Make sure that the gateway is alone, and connect."""
+        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
-        guard.check(values["discovery_s"], self._announce)
-        self._settings.add_check(partial(problem, Limits.from_parameters))
-        self._settings.on_change(self._configure)
+        self._guard.check(self._settings["discovery_s"], self._announce)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)
         self.create_timer(_REPORT_S, self._report, clock=steady)
-        self._link = MachineLink(self._machine, _link_settings(values), self._deliver)
+        self._link = MachineLink(self._machine, _link_settings(self._settings.values), self._deliver)
         self._link.start()
+
+    def deactivate(self) -> None:
+        """Close the session: no command and no heartbeat any more, at which the machine's watchdog makes it safe."""
+        self._end_session()
+        self._events.clear()
+        self._gateway.on_lost()
+        self.get_logger().info("deactivated: the session is closed, and the machine's own watchdog makes it safe")
+
+    def _end_session(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.stop()
 
     def _check_secrets(self) -> None:
         """Refuse to start with certificates or a password that cannot be used; they are checked at every attempt."""
@@ -84,16 +107,9 @@ class MachineNode(Node):
         if self._machine.user is not None:
             password(self._machine.user)
 
-    def _open_topics(self, instance: str) -> None:
-        self._depths, self._torques, self._temperatures = sensor_publishers(self)
-        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._diagnostics = DiagnosticsPublisher(self, instance=instance)
-        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-
     def destroy_node(self) -> None:
         """Close the session, then end."""
-        if hasattr(self, "_link"):
-            self._link.stop()
+        self._end_session()
         super().destroy_node()
 
     # ---------------------------------------------------------------- the link
@@ -119,7 +135,7 @@ class MachineNode(Node):
                 self._report()
         elif isinstance(event, Written):
             waiting = gateway.on_written(event.order, event.failure, time.monotonic())
-            if waiting is not None:
+            if waiting is not None and self._link is not None:
                 self._link.write(waiting)
             self._longest_write_s = max(self._longest_write_s, event.took_s)
             if event.failure:
@@ -150,7 +166,7 @@ class MachineNode(Node):
         refused = gateway.gate.total()
         now_s = time.monotonic()
         order = gateway.on_command(convert.command(message), stamp_ns, message.source, message.healthy, now_s)
-        if order is not None:
+        if order is not None and self._link is not None:
             self._refused = ""
             self._link.write(order)
         elif gateway.gate.total() > refused:
@@ -162,16 +178,20 @@ class MachineNode(Node):
 
     # ---------------------------------------------------------------- reports
 
-    def _configure(self, values: dict[str, Any]) -> None:
-        self._gateway.configure(values)
-        self._writers.set_sources()
-        self._link.settings = _link_settings(values)
+    def _on_parameters(self, values: dict[str, Any]) -> None:
+        if self.is_configured:
+            self._gateway.configure(values)
+        if self._link is not None:
+            self._writers.set_sources()
+            self._link.settings = _link_settings(values)
 
     def _announce(self) -> None:
         self._diagnostics.publish([Report("connection", OK, STARTING, {})])
 
     def _report(self) -> None:
-        gateway = self._gateway
+        gateway, link = self._gateway, self._link
+        if link is None:
+            return
         totals = (gateway.gate.total(), gateway.failed)
         refused, failed = (new - old for new, old in zip(totals, self._reported, strict=True))
         self._reported = totals
@@ -180,7 +200,7 @@ class MachineNode(Node):
             reports.connection(
                 self._machine.endpoint, gateway.connected, self._lost, self._losses, self._attempts, self._retry_s
             ),
-            reports.machine(gateway, self._stalled_s, self._link.tracker.skipped, self._link.tracker.restarts),
+            reports.machine(gateway, self._stalled_s, link.tracker.skipped, link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
             commands_report(gateway.gate, refused, self._writers.names, self._writers.strange()),
             reports.writes(gateway, failed, longest_s),

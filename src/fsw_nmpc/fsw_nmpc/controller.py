@@ -26,6 +26,8 @@ _DISTURBANCES = (
     "depth_rate_mm_per_s",
     "temperature_rate_c_per_s",
     "depth_gain",
+    "thermal_gain",
+    "delay_s",
 )
 #: their standard deviations
 _DEVIATIONS = (
@@ -37,6 +39,8 @@ _DEVIATIONS = (
     "depth_rate_deviation_mm_per_s",
     "temperature_rate_deviation_c_per_s",
     "depth_gain_deviation",
+    "thermal_gain_deviation",
+    "delay_deviation_s",
 )
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
 _STATUS_TEXTS = {

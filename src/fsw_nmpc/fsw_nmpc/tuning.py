@@ -21,6 +21,8 @@ TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
 PRIORITIES = tuple(priority.name.lower() for priority in Priority)
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
+#: Where an output may give way: share by which the depth waits for what the speed can compensate, by priority.
+_HELD_SHARE = {"depth": 0.0, "balance": 0.5, "temperature": 1.0}
 #: defaults of the node's parameters
 _NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
@@ -55,6 +57,10 @@ class EstimatorTuning(Model):
     """time constant with which the two rates leak"""
     depth_gain_walk: NonNegativeFloat = 1e-4
     """of the factor on the model's gain of the depth over the force; 0: it stays 1"""
+    thermal_gain_walk: NonNegativeFloat = 0.0
+    """of the factor on the model's effect of the power on the copper; 0: it stays 1"""
+    delay_walk_s: NonNegativeFloat = 0.0
+    """of the time by which the power arrives later than after the model's dead time; 0: it stays 0"""
     jump_sigmas: NonNegativeFloat = 4.0
     """a measurement further off is a jump; 0: never"""
     drift_sigmas: NonNegativeFloat = 3.5
@@ -88,6 +94,15 @@ class Tuning(Model):
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
     temperature_scale_c: NonNegativeFloat = 0.2
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
+    yield_depth_mm: NonNegativeFloat = 0.0
+    """where the temperature has priority: deviation of the depth beyond which its cost is linear; 0: never"""
+    yield_temperature_c: NonNegativeFloat = 0.0
+    """where the depth has priority (balance: twice this): deviation of the temperature beyond which its cost is linear;
+    0: never, and the depth always waits for what the speed can compensate"""
+    quality_weight_per_mm: NonNegativeFloat = 0.0
+    """L1 weight of the depth outside its quality limits, at the ends of the blocks"""
+    quality_weight_per_c: NonNegativeFloat = 0.0
+    """L1 weight of the temperature outside its quality limits, at the ends of the blocks"""
     move_force_per_kn: NonNegativeFloat = 0.0
     """L1 weight on the moves of an interval"""
     move_speed_per_rpm: NonNegativeFloat = 0.0
@@ -103,6 +118,13 @@ class Tuning(Model):
         for name in ("depth_time_s", "temperature_time_s"):
             if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
                 raise problem(f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name)
+        for name in ("yield_depth_mm", "yield_temperature_c"):
+            if getattr(self, name) > 0.0 and (self.weight_depth_per_mm > 0.0 or self.weight_temperature_per_c > 0.0):
+                raise problem("does not go with an L1 weight of the outputs", name)
+        if self.yield_depth_mm > 0.0 and not self.depth_scale_mm > 0.0:
+            raise problem("needs a depth_scale_mm", "yield_depth_mm")
+        if self.yield_temperature_c > 0.0 and not self.temperature_scale_c > 0.0:
+            raise problem("needs a temperature_scale_c", "yield_temperature_c")
         if self.quality_temperature_min_c >= self.quality_temperature_max_c:
             raise problem("is not above quality_temperature_min_c", "quality_temperature_max_c")
         return self
@@ -114,8 +136,9 @@ class Tuning(Model):
         Parameters
         ----------
         name : str
-            ``default``: by rule from the model; ``paper``, also called ``paper:offset_free``: (28)-(37), with estimated
-            disturbances; ``paper:letter``: without, as in the paper.
+            ``default``: by rule from the model; ``adaptive``: likewise, and the output without priority gives way on
+            the way to a set-point; ``paper``, also ``paper:offset_free``: (28)-(37), with estimated disturbances;
+            ``paper:letter``: without, as in the paper.
         parameters : ModelParameters
 
         Raises
@@ -123,11 +146,12 @@ class Tuning(Model):
         ValueError
             If there is no such preset.
         """
-        if name == "default":
-            return cls(temperature_time_s=max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S))
+        if name in ("default", "adaptive"):
+            time_s = max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S)
+            return (cls() if name == "default" else ADAPTIVE).changed(temperature_time_s=time_s)
         presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
         if name not in presets:
-            raise ValueError(f"preset {name!r} is unknown; known: default, {', '.join(presets)}")
+            raise ValueError(f"preset {name!r} is unknown; known: default, adaptive, {', '.join(presets)}")
         return presets[name]
 
     def with_knobs(
@@ -156,6 +180,11 @@ class Tuning(Model):
             estimator=e.changed(**walks),
         )
 
+    def _knees(self, priority: str) -> tuple[float, float]:
+        """Deviations beyond which the cost of depth and temperature is linear, by who gives way."""
+        depth_mm = self.yield_depth_mm if priority == "temperature" else 0.0
+        return depth_mm, self.yield_temperature_c * {"depth": 1.0, "balance": 2.0, "temperature": 0.0}[priority]
+
     def struct(
         self,
         limits: Limits,
@@ -182,6 +211,8 @@ class Tuning(Model):
                 e.depth_rate_walk_mm_per_s,
                 e.temperature_rate_walk_c_per_s,
                 e.depth_gain_walk,
+                e.thermal_gain_walk,
+                e.delay_walk_s,
             ),
         )
         return KERNEL.new(
@@ -197,6 +228,9 @@ class Tuning(Model):
             quality_temp_c=(self.quality_temperature_min_c, self.quality_temperature_max_c),
             weight=(self.weight_depth_per_mm, self.weight_temperature_per_c),
             square=tuple(1.0 / s**2 if s > 0.0 else 0.0 for s in (self.depth_scale_mm, self.temperature_scale_c)),
+            knee=self._knees(priority),
+            held_share=_HELD_SHARE[priority] if self.yield_temperature_c > 0.0 else 1.0,
+            window_weight=(self.quality_weight_per_mm, self.quality_weight_per_c),
             move_weight=(self.move_force_per_kn, self.move_speed_per_rpm),
             move_square=(self.full_move_cost / limits.force_step_kn**2, self.full_move_cost / limits.speed_step_rpm**2),
             move_max=(limits.force_step_kn, limits.speed_step_rpm),
@@ -234,6 +268,16 @@ def _over(base: dict[str, Any], content: Any) -> Any:
     }
 
 
+#: As default; besides, the output without priority gives way on the way, inside the quality limits, and gain and delay
+#: of the power are estimated. Values chosen on 60 random plants.
+ADAPTIVE = Tuning(
+    yield_depth_mm=0.005,
+    temperature_scale_c=0.3,
+    yield_temperature_c=1.0,
+    quality_weight_per_mm=1e5,
+    quality_weight_per_c=5e3,
+    estimator=EstimatorTuning(thermal_gain_walk=1e-3, delay_walk_s=2e-3),
+)
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37); constant offsets
 PAPER = Tuning(
     trajectory="recentred",

@@ -28,7 +28,7 @@ def test_rests_at_the_operating_point():
     assert (told["force_kn"], told["torque_scale"], told["depth_gain"]) == pytest.approx((0.0, 1.0, 1.0), abs=1e-3)
     assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
     assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
-    assert len(told) == 19
+    assert len(told) == 23
 
 
 @pytest.mark.slow

@@ -38,6 +38,8 @@ from fsw_plant.tool_path import ToolTravel
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 FIRST_TICK = 1
+#: the longest that the watchdog may take: its times are bounded (plant.yaml)
+_REST_TICKS = 36_000
 
 
 class Reading(NamedTuple):
@@ -237,6 +239,15 @@ class PlantEmulator:
             self._advance_process(mean_kn, mean_rpm)
         self._travel.end_tick()
         self.tick += 1
+
+    def come_to_rest(self) -> None:
+        """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state."""
+        self.watchdog.armed = True
+        for _ in range(_REST_TICKS):
+            before_kn = self.applied.force_kn
+            self.step()
+            if self.watchdog.state is WatchdogState.SAFE and self.applied.force_kn == before_kn:
+                return
 
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
         """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""

@@ -9,20 +9,20 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, sensor_publishers
+from fsw_control.topics_ros import DISPLAY, LATEST, PLAYER_READY, STREAM, sensor_publishers
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
@@ -42,17 +42,26 @@ _REPORT_S = 1.0
 _READY_POLL_S = 0.02
 
 
-class PlantNode(Node):
+class PlantNode(ManagedNode):
     """Ticks the emulator and connects it to the graph.
 
     Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock; simulated time at a pace;
     or lockstep, in which the command that answers a tick starts the next one, once a player, where there is one, has
-    sent what belongs before it.
+    sent what belongs before it. It is a managed node: it ticks and obeys while it is active.
     """
 
     def __init__(self) -> None:
         super().__init__("fsw_plant")
         self._settings = ParameterValues(self, specs())
+        self._settings.add_check(self._why_not)
+        self._settings.on_change(self._on_parameters)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._running = False
+        if self._settings["autostart"]:
+            self.start()
+
+    def configure(self) -> None:
+        """Make the emulator and announce its topics."""
         values = self._settings.values
         config, schedule = PlantConfig.from_values(values), PlantSchedule.from_text_or_file(values["scenario"])
         prepare(config, self._log_preparation)
@@ -64,36 +73,43 @@ class PlantNode(Node):
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
-        self._pace = Lockstep()
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
-        self._running = False
-        guard = SingleInstanceGuard(self)
-        self._open_topics(guard.instance)
-        self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
-        guard.check(values["discovery_s"], self._announce)
-        self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
-        self._settings.add_check(self._why_not)
-        self._settings.on_change(self._configure)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_REPORT_S, self._report, clock=self._steady)
-        self.create_timer(_WATCH_S, self._watch, clock=self._steady)
-        self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
-        self._waiting_logged_s = time.monotonic()
+        self._guard = SingleInstanceGuard(self)
+        self._open_topics(self._guard.instance)
 
-    def _open_topics(self, instance: str) -> None:
-        # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
-        # the sensors are announced last, it then has the other topics of a tick, too.
-        self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
-        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
-        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._depths, self._torques, self._temperatures = sensor_publishers(self)
-        self._diagnostics = DiagnosticsPublisher(self, instance=instance)
+    def activate(self) -> None:
+        """Make sure that the plant is alone, and begin to tick once all are there."""
+        self._pace = Lockstep()
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._settings["process"] == "canister":  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
+        self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
+        self._guard.check(self._settings["discovery_s"], self._announce)
+        self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
+        self.create_timer(_REPORT_S, self._report, clock=self._steady)
+        self.create_timer(_WATCH_S, self._watch, clock=self._steady)
+        self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
+        self._waiting_logged_s = time.monotonic()
+
+    def deactivate(self) -> None:
+        """Bring the drives into the safe state, as the watchdog does without commands; nothing is measured then."""
+        was_running, self._running = self._running, False
+        if was_running:
+            self._plant.come_to_rest()
+        force_kn = self._plant.applied.force_kn
+        self.get_logger().info(f"deactivated; the drives are in the safe state at {force_kn:.4g} kN")
+
+    def _open_topics(self, instance: str) -> None:
+        # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
+        # the sensors are announced last, it then has the other topics of a tick, too.
+        self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
+        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM, qos_overriding_options=DISPLAY)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self._depths, self._torques, self._temperatures = sensor_publishers(self)
+        self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
         self.get_logger().info(f"canister, {100.0 * share:.0f} %: {what}", throttle_duration_sec=2.0)
@@ -269,18 +285,21 @@ class PlantNode(Node):
         """Why parameters cannot be taken together, or None."""
         try:
             PlantConfig.from_values(values)
-            if values["scenario"] != self._scenario:
+            if not self.is_configured or values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
         except (ParameterError, InputError) as error:
             return str(error)
         return None
 
-    def _configure(self, values: dict[str, Any]) -> None:
+    def _on_parameters(self, values: dict[str, Any]) -> None:
+        if not self.is_configured:
+            return
         if values["scenario"] != self._scenario:
             self._scenario = values["scenario"]
             self._plant.take(PlantSchedule.from_text_or_file(self._scenario))
         self._plant.reconfigure(PlantConfig.from_values(values))
-        self._writers.set_sources()
+        if self.is_active:
+            self._writers.set_sources()
 
 
 def main(args: Sequence[str] | None = None) -> int:

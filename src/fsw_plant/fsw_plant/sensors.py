@@ -47,11 +47,11 @@ class Sensors:
     """The sensors of a plant, in the order of ``SENSORS``."""
 
     def __init__(self, config: PlantConfig) -> None:
-        self._all = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(_noise(config))]
+        self._all = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(noise_of(config))]
 
     def configure(self, config: PlantConfig) -> None:
         """Change noise and resolution."""
-        for sensor, (noise, resolution) in zip(self._all, _noise(config), strict=True):
+        for sensor, (noise, resolution) in zip(self._all, noise_of(config), strict=True):
             sensor.noise, sensor.resolution = noise, resolution
 
     def send(
@@ -64,7 +64,7 @@ class Sensors:
         ]
 
 
-def _noise(config: PlantConfig) -> tuple[tuple[float, float], ...]:
+def noise_of(config: PlantConfig) -> tuple[tuple[float, float], ...]:
     """Noise and resolution of each sensor."""
     if not config["noise"]:
         return ((0.0, 0.0),) * len(SENSORS)

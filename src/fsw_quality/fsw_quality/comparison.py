@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import t
 
 from fsw_quality.verdict import Verdict
 from fsw_schema.models import InputError, Many, Model, json_content_of, read_text, validate
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 #: welds that are compared with at most, the latest, and at least for a standard deviation to be told (chosen)
 MOST, LEAST = 10, 3
-#: a figure this many standard deviations from the mean of the others is named (chosen)
-_FAR = 3.0
+#: share of welds like the others that would be named by mistake, per figure: that of 3 standard deviations (chosen)
+_BY_MISTAKE = 0.0027
 #: where records are looked for below a folder
 _PLACES = ("record.json", "*/record.json", "*/record/record.json")
 
@@ -34,10 +35,8 @@ class Figure(Model):
     deviations: float | None = None
     """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
 
-    @property
-    def is_far(self) -> bool:
-        """Whether it is far from the others."""
-        return self.deviations is not None and abs(self.deviations) > _FAR
+    is_far: bool = False
+    """whether it is outside of the prediction interval of the next weld"""
 
 
 class Comparison(Model):
@@ -92,6 +91,7 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
             if not values.size:
                 continue
             sigma = float(values.std(ddof=1)) if values.size >= LEAST else 0.0
+            off = (value - float(values.mean())) / sigma if sigma > 1e-9 * abs(value) else None
             figures.append(
                 Figure(
                     phase=phase.phase,
@@ -100,10 +100,19 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
                     mean=_round(values.mean()),
                     low=_round(values.min()),
                     high=_round(values.max()),
-                    deviations=_round((value - values.mean()) / sigma) if sigma > 1e-9 * abs(value) else None,
+                    deviations=None if off is None else _round(off),
+                    is_far=off is not None and abs(off) > _limit(values.size),
                 )
             )
     return Comparison(welds=tuple(one.bag for one in others), figures=tuple(figures))
+
+
+def _limit(welds: int) -> float:
+    """Half the prediction interval of one more value of a normal distribution, in standard deviations of so many.
+
+    G. J. Hahn, W. Q. Meeker: Statistical Intervals, 1991, chapter 4.
+    """
+    return float(t.ppf(1.0 - 0.5 * _BY_MISTAKE, welds - 1) * np.sqrt(1.0 + 1.0 / welds))
 
 
 def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from fsw_recorder.errors import BagError
@@ -61,7 +62,10 @@ def run(commands: Sequence[str], folder: Path) -> str:
             failed = done.returncode != 0
         except (OSError, ValueError) as error:
             code, output, failed = "not started", str(error), True
-        with log.open("a", encoding="utf-8") as file:
+        with (
+            suppress(OSError),
+            log.open("a", encoding="utf-8") as file,
+        ):  # the bag may have been moved
             file.write(f"$ {shlex.join(words)}\n{output}{code}\n")
         if failed:
             last = " ".join((output.strip().splitlines() or ["it printed nothing"])[-1].split())
@@ -74,7 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder, *commands = sys.argv[1:] if arguments is None else arguments
     os.nice(_NICENESS)
     if failure := run(commands, Path(folder)):
-        print(failure, file=sys.stderr)
+        with suppress(OSError):  # who started the recorder may have gone
+            print(failure, file=sys.stderr, flush=True)
         return 1
     return 0
 

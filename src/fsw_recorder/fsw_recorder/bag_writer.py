@@ -337,7 +337,11 @@ def _make_folder(folder: Path) -> int:
         folder.mkdir(parents=True)
         return os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except FileExistsError:
-        text = f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one"
+        raise taken(folder) from None
     except OSError as error:
-        text = f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to"
-    raise BagError(text)
+        raise BagError(f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to") from None
+
+
+def taken(folder: Path) -> BagError:
+    """The error of a bag whose folder is there already."""
+    return BagError(f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one")

@@ -62,7 +62,7 @@ class Manifest(Model):
     """of metadata.yaml: canister, lid, tool, machine and others"""
     attachments_sha256: dict[str, str]
     """of the files inside the bag: scenario, software versions, parameters of every node"""
-    clock: ClockState = UNKNOWN
+    clock: ClockState
     """what the system told of its clock when the recording began"""
     files: Many[FileManifest]
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
+from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
-from rclpy.node import Node
 from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 from rosbags.interfaces import Qos
 
+from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
@@ -26,7 +28,7 @@ from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
-from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
 from fsw_recorder.clock_source import clock_state
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
@@ -48,10 +50,20 @@ from fsw_recorder.topic_subscription_ros import TopicSubscription
 _REPORT_PERIOD_S = 1.0
 
 
-class RecorderNode(Node):  # type: ignore[misc]
-    """Node that records; see ``recorder.yaml`` for its parameters.
+class _Bag(NamedTuple):
+    """What a bag is made of, checked."""
 
-    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and ``~/split_bagfile``.
+    folder: Path
+    options: WriterOptions
+    custom: dict[str, str]
+    attachments: list[tuple[str, bytes]]
+
+
+class RecorderNode(ManagedNode):
+    """Node that records while it is active; see ``recorder.yaml`` for its parameters.
+
+    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and ``~/split_bagfile``. Each activation
+    makes a bag, which is whole once the node is deactivated; one after the first gets a number, unless it is free.
 
     Raises
     ------
@@ -59,18 +71,35 @@ class RecorderNode(Node):  # type: ignore[misc]
         The bag cannot be made, or an attachment cannot be read.
     """
 
+    writer: BagWriter
+
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_recorder", **arguments)
-        values = declare(self, "fsw_recorder", "recorder.yaml").values
+        self._values = declare(self, "fsw_recorder", "recorder.yaml").values
+        self._recorded = False  #: whether a bag was made
+        self.failed = False  #: whether one is incomplete
+        if self._values["autostart"]:
+            self.start()
+
+    def configure(self) -> None:
+        """Check selection, attachments and the bag's folder."""
+        values = self._values
         self._selection = TopicSelection(**{field.name: values[field.name] for field in fields(TopicSelection)})
         self._depth: int = values["queue_depth"]
-        self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
-        self._left_out: dict[str, str] = {}
         self._on_finished: list[str] = list(values["on_finished"])
         after_recording.check(self._on_finished)
-        self.writer = self._make_writer(values)
-        self._make_services()
+        folder = self._planned().folder
+        if os.path.lexists(folder):
+            raise taken(folder)
         self._diagnostics = DiagnosticsPublisher(self)
+
+    def activate(self) -> None:
+        """Make the bag, and subscribe to what is there."""
+        values = self._values
+        self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
+        self._left_out: dict[str, str] = {}
+        self.writer = self._make_writer()
+        self._make_services()
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
@@ -78,7 +107,13 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._discover()
         self.get_logger().info(f"recording to {self.writer.folder}")
 
-    def _make_writer(self, values: dict[str, Any]) -> BagWriter:
+    def deactivate(self) -> None:
+        """Finish the bag."""
+        self._finish()
+
+    def _planned(self) -> _Bag:
+        """The bag that the parameters ask for."""
+        values = self._values
         attachments = [("versions.json", versions_text())]
         if values["scenario"]:
             attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
@@ -86,16 +121,23 @@ class RecorderNode(Node):  # type: ignore[misc]
         custom = custom_entries(values["custom_data"])
         options = WriterOptions(**{field.name: values[field.name] for field in fields(WriterOptions)})
         wanted = folder = output_folder(values["output"], datetime.now())
-        if values["number_if_taken"] or not values["output"]:
+        if values["number_if_taken"] or not values["output"] or self._recorded:
             folder = free_sibling(wanted)
         if folder != wanted:
-            self.get_logger().warning(f"{wanted} exists already and is left unchanged: recording continues beside it")
             custom["continues"] = wanted.name
-        writer = BagWriter(folder, options, custom)
-        writer.is_paused = values["start_paused"]
-        for name, data in attachments:
+        return _Bag(folder, options, custom, attachments)
+
+    def _make_writer(self) -> BagWriter:
+        bag = self._planned()
+        if "continues" in bag.custom:
+            wanted = bag.folder.with_name(bag.custom["continues"])
+            self.get_logger().warning(f"{wanted} exists already and is left unchanged: recording continues beside it")
+        writer = BagWriter(bag.folder, bag.options, bag.custom)
+        writer.is_paused = self._values["start_paused"]
+        for name, data in bag.attachments:
             writer.attach(name, media_type(name), data)
-        if options.manifest:  # the programs that tell may take seconds to answer
+        self._recorded = True
+        if bag.options.manifest:  # the programs that tell may take seconds to answer
             Thread(target=lambda: writer.note_clock(clock_state()), name="clock_source", daemon=True).start()
         return writer
 
@@ -186,8 +228,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         """Messages that the middleware reports as lost, by topic."""
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
-    def destroy_node(self) -> None:
-        """Finish the bag, report its contents or why it is incomplete, and leave the graph."""
+    def _finish(self) -> None:
+        """Finish the bag and report its contents or why it is incomplete."""
         lost = self._lost()
         self.writer.custom_data["lost_messages"] = str(sum(lost.values()))
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
@@ -196,6 +238,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
         logger = get_logger(f"{self.get_logger().name}.bag")
         if self.writer.error is not None:
+            self.failed = True
             logger.fatal(str(self.writer.error))
         else:
             missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
@@ -205,6 +248,11 @@ class RecorderNode(Node):  # type: ignore[misc]
                 after_recording.start(self._on_finished, self.writer.folder)
             except OSError as error:
                 logger.error(f"on_finished cannot be started: {error.strerror}; the bag is unharmed")
+
+    def destroy_node(self) -> None:
+        """Finish the bag and leave the graph."""
+        if self.is_active:
+            self._finish()
         super().destroy_node()
 
 
@@ -217,7 +265,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return nodes[0]
 
     code = run(make, args, NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")))
-    return 1 if code == 0 and nodes and nodes[0].writer.error is not None else code
+    return 1 if code == 0 and any(node.failed for node in nodes) else code
 
 
 if __name__ == "__main__":

@@ -72,6 +72,12 @@ def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> 
         assert reader.problems == []
 
 
+def test_a_bag_that_was_moved_meanwhile_is_one_line(tmp_path: Path) -> None:
+    found = run([f"{PYTHON} 'exit(1)'"], tmp_path / "moved")
+    assert "failed (exit code 1)" in found and "\n" not in found
+    assert not (tmp_path / "moved").exists()
+
+
 def test_main_says_a_failure_on_stderr(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

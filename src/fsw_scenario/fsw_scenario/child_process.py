@@ -6,10 +6,11 @@ usage: python -m fsw_scenario.child_process <parent's pid> <module> [arguments]
 from __future__ import annotations
 
 import ctypes
-import importlib
 import os
 import signal
 import sys
+
+from fsw_schema.entry import Program
 
 _PR_SET_PDEATHSIG = 1
 
@@ -27,7 +28,7 @@ def main() -> int:
     parent_pid, module, *arguments = sys.argv[1:]
     end_with_parent(int(parent_pid))
     sys.argv = [module, *arguments]
-    return int(importlib.import_module(module).main() or 0)
+    return Program(f"{module}.main")()
 
 
 if __name__ == "__main__":

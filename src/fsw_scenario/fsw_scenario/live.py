@@ -59,8 +59,9 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     # the programme may be held for any length of time
     launcher.wait_until(over, float("inf"), "the end of the weld", ["plant"])
     print("the weld is over; look at it:")
+    page = "fsw node hmi" if Path(sys.argv[0]).name == "fsw" else "python3 scripts/run_hmi.py"  # installed, or here
     for bag in sorted(graph.folder.glob("bag*")):
-        print(f"  python3 scripts/run_hmi.py --bag {bag}")
+        print(f"  {page} --bag {bag}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The programme of a weld on topics and services: progress; hold, resume and abort."""
+"""The programme of a weld on topics and services: progress; hold and resume; the safe stop of an aborted weld."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Callable
 from math import nan, radians
 
 from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -19,14 +21,59 @@ from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_supervisor.state_machine import Mode
 
-_TICKS_PER_REPORT = 10
+#: between two reports of the progress
+TICKS_PER_REPORT = 10
+
+
+class SafeStop:
+    """Asks the supervisor for the safe stop of an aborted weld; ``answer`` is its answer, empty until it has one."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.answer = ""
+        self._asked: Future | None = None
+        self._set_mode = node.create_client(SetMode, "fsw/set_mode")
+        self._states: Subscription | None = None
+
+    def watch(self, abort: Callable[[], tuple[bool, str]]) -> None:
+        """Call ``abort`` when a safe stop comes from elsewhere; that returns whether it had something to give up."""
+
+        def on_state(message: SupervisorState) -> None:
+            if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
+                self.answer = f"safe stop by the supervisor: {message.reason}"
+
+        self._states = self._node.create_subscription(SupervisorState, "fsw/supervisor/state", on_state, LATEST)
+
+    def ask(self) -> None:
+        """Ask, again and again until the supervisor has answered; to be called often."""
+        if self.answer:
+            return
+        if self._asked is not None and self._asked.done():
+            answer = self._asked.result()
+            if answer is not None and answer.ok:
+                self.answer = str(answer.message)
+                return
+            self._asked = None
+        if self._asked is None and self._set_mode.service_is_ready():
+            request = SetMode.Request(mode=str(Mode.SAFE_STOP), axial_force=nan, spindle_speed=nan)
+            self._asked = self._set_mode.call_async(request)
+        elif self._asked is None:
+            self._node.get_logger().error(
+                "abort: no supervisor to ask for a safe stop; start one", throttle_duration_sec=1.0
+            )
+
+    def destroy(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_client(self._set_mode)
+        if self._states is not None:
+            self._node.destroy_subscription(self._states)
 
 
 class ProgrammeServer:
-    """Publishes ``fsw/weld_progress``, serves ``fsw/weld/hold|resume|abort`` and asks the supervisor for a safe stop.
+    """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
 
-    A safe stop from elsewhere aborts the programme, too. ``in_force`` returns the set-points in force; ``restart``
-    sends set-points that take effect at once, and the future ones of the course.
+    ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at once, and the future
+    ones of the course; ``published`` gets every report.
     """
 
     def __init__(
@@ -36,22 +83,23 @@ class ProgrammeServer:
         course: Course,
         in_force: Callable[[], Reference],
         restart: Callable[[Reference], object],
+        published: Callable[[WeldProgress], object],
     ) -> None:
         self._node, self.machine, self._course = node, machine, course
-        self._in_force, self._restart = in_force, restart
-        self.stopped = ""  #: the supervisor's answer, once an aborted weld is in the safe state
-        self._asked: Future | None = None
+        self._in_force, self._restart, self._published = in_force, restart, published
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
-        self._set_mode = node.create_client(SetMode, "fsw/set_mode")
-        self._serve("hold", self._hold)
-        self._serve("resume", self._resume)
-        self._serve("abort", self._abort)
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
+        self._services = [self._serve("hold", self._hold), self._serve("resume", self._resume)]
 
-    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]]) -> None:
+    def destroy(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_publisher(self._publisher)
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]]) -> Service:
         def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = ask()
             if response.success:
@@ -61,13 +109,17 @@ class ProgrammeServer:
                 self._node.get_logger().warning(f"{name}: {response.message}")
             return response
 
-        self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)
+        return self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)
 
     def _hold(self) -> tuple[bool, str]:
         return self._keep(*self.machine.hold())
 
-    def _abort(self) -> tuple[bool, str]:
-        return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
+    def abort(self) -> tuple[bool, str]:
+        """Give the weld up; returns whether, and the answer in words. The caller asks for the safe stop."""
+        ok, answer = self._keep(*self.machine.abort())
+        if ok:
+            self.publish(self._stamp_ns)
+        return ok, answer
 
     def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
         """Keep the set-points in force: sending them voids those sent ahead."""
@@ -88,33 +140,11 @@ class ProgrammeServer:
         self._restart(present)
         return ok, f"{answer}; {way}"
 
-    def _on_supervisor(self, message: SupervisorState) -> None:
-        if message.actual_mode == Mode.SAFE_STOP and self._abort()[0]:
-            self.stopped = f"safe stop by the supervisor: {message.reason}"
-
-    def ask_safe_stop(self) -> None:
-        """Ask the supervisor for the safe stop, again and again until it has answered; only for an aborted weld."""
-        if self.machine.state is not State.ABORTED or self.stopped:
-            return
-        if self._asked is not None and self._asked.done():
-            answer = self._asked.result()
-            if answer is not None and answer.ok:
-                self.stopped = str(answer.message)
-                return
-            self._asked = None
-        if self._asked is None and self._set_mode.service_is_ready():
-            request = SetMode.Request(mode=str(Mode.SAFE_STOP), axial_force=nan, spindle_speed=nan)
-            self._asked = self._set_mode.call_async(request)
-        elif self._asked is None:
-            self._node.get_logger().error(
-                "abort: no supervisor to ask for a safe stop; start one", throttle_duration_sec=1.0
-            )
-
     def on_tick(self, stamp_ns: int) -> None:
         """Report the progress when it is due."""
         self._stamp_ns = stamp_ns
         self._ticks_since_report += 1
-        if self._state() != self._reported or self._ticks_since_report >= _TICKS_PER_REPORT:
+        if self._state() != self._reported or self._ticks_since_report >= TICKS_PER_REPORT:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
@@ -130,17 +160,17 @@ class ProgrammeServer:
         left = not self._course.followed
         way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
         self._reported, self._ticks_since_report = self._state(), 0
-        self._publisher.publish(
-            WeldProgress(
-                header=convert.header(stamp_ns),
-                state=str(now.state),
-                phase=now.phase,
-                angle=radians(now.angle_deg),
-                length=units.m_from_mm(now.length_mm),
-                time_left=now.time_left_s,
-                depth=units.m_from_mm(planned.depth_mm),
-                temperature=planned.temperature_c,
-                left=left,
-                way_back=way_s,
-            )
+        message = WeldProgress(
+            header=convert.header(stamp_ns),
+            state=str(now.state),
+            phase=now.phase,
+            angle=radians(now.angle_deg),
+            length=units.m_from_mm(now.length_mm),
+            time_left=now.time_left_s,
+            depth=units.m_from_mm(planned.depth_mm),
+            temperature=planned.temperature_c,
+            left=left,
+            way_back=way_s,
         )
+        self._publisher.publish(message)
+        self._published(message)

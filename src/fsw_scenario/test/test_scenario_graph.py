@@ -41,3 +41,16 @@ def test_the_monitor_is_told_which_process_it_watches_and_the_plant_does_not_wai
     nodes, usual = (one.parameter_file(Path("s.yaml")) for one in (graph, without))
     assert nodes.pop("fsw_monitor")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
     assert nodes == usual
+
+
+def test_a_weld_by_a_procedure_has_its_limits_and_its_record(tmp_path):
+    scenario = parse("{name: short, duration_s: 5.0}")
+    plain = WeldGraph(scenario, tmp_path).parameter_file(tmp_path / "scenario.yaml")
+    nodes = WeldGraph(scenario, tmp_path, procedure="copper_lid").parameter_file(tmp_path / "scenario.yaml")
+    values = {name: section["ros__parameters"] for name, section in nodes.items()}
+    assert values["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
+    assert values["fsw_recorder"]["output"] == str(tmp_path / "bag")
+    assert values["fsw_recorder"]["attach"] == [values["fsw_procedure"]["procedure"]]
+    assert "fsw.main record " in values["fsw_recorder"]["on_finished"][0]
+    assert values["fsw_procedure"]["use_sim_time"] is True
+    assert "fsw_procedure" not in plain

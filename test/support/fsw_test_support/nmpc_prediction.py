@@ -13,7 +13,7 @@ from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the drifts and the power history.
-N_START = 14
+N_START = 15
 
 
 def n_start(horizon: Horizon) -> int:
@@ -32,6 +32,7 @@ def start_vector(start: Any, horizon: Horizon) -> Vector:
         s.temp_offset_c,
         s.speed_offset_rpm,
         s.depth_gain,
+        s.thermal_gain,
     ]
     drifts = [float(s.drift[q][i]) for q in range(2) for i in range(horizon.n_out)]
     return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets, *drifts])
@@ -41,8 +42,8 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     """CasADi function (moves, start (n_start,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
     ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale, the
-    offsets of depth, temperature and speed, the factor on the depth's gain, and how far the offsets of depth and
-    temperature drift until each output point; ``history`` the power's coefficients, oldest first.
+    offsets of depth, temperature and speed, the factors on the gains of depth and power, and how far the offsets
+    of depth and temperature drift until each output point; ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
@@ -50,9 +51,8 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     history = ca.SX.sym("history_kw", 3 * horizon.n_history)
     creep, slow, copper, tool, motor = ca.vertsplit(start[:5])
     force, speed = start[5], start[6]
-    force_offset, heat_offset, scale, depth_offset, temperature_offset, speed_offset, depth_gain = ca.vertsplit(
-        start[7:N_START]
-    )
+    force_offset, heat_offset, scale, depth_offset, temperature_offset, *others = ca.vertsplit(start[7:N_START])
+    speed_offset, depth_gain, thermal_gain = others
     depth_drift, temperature_drift = ca.vertsplit(start[N_START:], horizon.n_out)
     segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
     poles, gains = depth_modes(p)
@@ -73,10 +73,11 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         left = scale * process_torque_nm(p, acting, depth)
         creep, slow = creep + depth_gain * creep_gain * pushed, decay * slow + depth_gain * gain * pushed
-        copper, tool = cc * copper + heat_copper * heat_offset, tc * copper + tt * tool + heat_tool * heat_offset
+        heat = thermal_gain * heat_offset
+        copper, tool = cc * copper + heat_copper * heat, tc * copper + tt * tool + heat_tool * heat
         for e in range(horizon.weight_start[k], horizon.weight_start[k + 1]):
             arriving = ca.DM(horizon.weight[e].reshape(2, 3)) @ segments[horizon.weight_segment[e]]
-            copper, tool = copper + arriving[0], tool + arriving[1]
+            copper, tool = copper + thermal_gain * arriving[0], tool + thermal_gain * arriving[1]
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         rise = scale * process_torque_nm(p, acting, depth) - left
         begin = left - lag * rise

@@ -134,6 +134,7 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         temp_offset_c=rng.normal(0.0, 3.0),
         speed_offset_rpm=rng.normal(0.0, 2.0),
         depth_gain=rng.uniform(0.7, 1.4),
+        thermal_gain=rng.uniform(0.6, 1.7),
     )
     for q, rate in enumerate(rng.normal(0.0, (2e-3, 0.2))):
         start.drift[q][0 : horizon.n_out] = (30.0 * rate * -np.expm1(-horizon.time_s / 30.0)).tolist()

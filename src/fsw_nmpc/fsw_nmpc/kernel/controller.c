@@ -92,9 +92,12 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {
-    const double two[9] = {t->time_s[q], t->corridor_decay[q], t->dead_band[q],   t->weight[q],   t->square[q],
-                           t->move_weight[q], t->move_square[q], t->input_min[q], t->input_max[q]};
-    for (int i = 0; i < 9; i++) add(two[i], &sum, &least);
+    const double two[11] = {t->time_s[q],      t->corridor_decay[q], t->dead_band[q], t->weight[q],
+                            t->square[q],      t->move_weight[q],    t->move_square[q], t->input_min[q],
+                            t->input_max[q],   t->knee[q],           t->window_weight[q]};
+    for (int i = 0; i < 11; i++) add(two[i], &sum, &least);
+    if (!(t->held_share >= 0.0 && t->held_share <= 1.0)) return 0;
+    if (t->knee[q] > 0.0 && (t->weight[0] > 0.0 || t->weight[1] > 0.0 || t->knee[!q] > 0.0 || !(t->square[q] > 0.0))) return 0;
     if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
     if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
   }
@@ -216,12 +219,13 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
   for (int i = 0; i < 5; i++) s->x[i] = x[i];
-  for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
+  fsw_power_under_way(&c->estimator, &c->model, s->history);
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
+  s->thermal_gain = x[FSW_THERMAL_GAIN];
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
@@ -232,8 +236,10 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
 
 static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,     FSW_DEPTH_OFFSET,
-                                           FSW_TEMP_OFFSET, FSW_DEPTH_RATE, FSW_TEMP_RATE, FSW_DEPTH_GAIN};
+  static const int shown[FSW_ESTIMATES] = {FSW_FORCE,       FSW_HEAT,       FSW_SCALE,
+                                           FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET, FSW_DEPTH_RATE,
+                                           FSW_TEMP_RATE,   FSW_DEPTH_GAIN,  FSW_THERMAL_GAIN,
+                                           FSW_DELAY};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];

@@ -33,6 +33,12 @@
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
+#define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
+#define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
+#define LEAST_THERMAL_GAIN 0.5
+#define LARGEST_THERMAL_GAIN 2.0
+#define THERMAL_GAIN_STEP 0.01 /* per tick, so that nothing jumps */
+#define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
@@ -41,8 +47,8 @@
 #define OFFSET_SHARE 0.5
 /* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
 #define PEAK_NOISE_SHARE 0.3
-/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets, their rates, gain */
-static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2};
+/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets, their rates, gains */
+static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2, 0.3, 0.4};
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
@@ -138,7 +144,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_MOTOR] = scale * torque + friction;
   x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
   x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
-  x[FSW_DEPTH_GAIN] = 1.0;
+  x[FSW_DEPTH_GAIN] = x[FSW_THERMAL_GAIN] = 1.0;
+  x[FSW_DELAY] = 0.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
@@ -155,7 +162,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = 0.0;
-  e->is_excited = 0;
+  e->is_excited = e->heated_ticks = e->is_telling = 0;
+  for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
 
@@ -173,15 +181,32 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->a[FSW_COPPER][FSW_COPPER] = mode[5];
   e->a[FSW_TOOL][FSW_COPPER] = mode[6];
   e->a[FSW_TOOL][FSW_TOOL] = mode[7];
-  e->a[FSW_COPPER][FSW_HEAT] = mode[8];
-  e->a[FSW_TOOL][FSW_HEAT] = mode[9];
+  e->a[FSW_COPPER][FSW_HEAT] = mode[8] * e->x[FSW_THERMAL_GAIN];
+  e->a[FSW_TOOL][FSW_HEAT] = mode[9] * e->x[FSW_THERMAL_GAIN];
+  e->a[FSW_COPPER][FSW_THERMAL_GAIN] = mode[8] * e->x[FSW_HEAT];
+  e->a[FSW_TOOL][FSW_THERMAL_GAIN] = mode[9] * e->x[FSW_HEAT];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
   e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep;
 }
 
 /* Whether a state keeps its estimate and its variance, whatever the measurements are. */
-static int is_held(const fsw_estimator *e, int state) { return state == FSW_DEPTH_GAIN && !e->is_excited; }
+static int is_held(const fsw_estimator *e, int state) {
+  if (state == FSW_THERMAL_GAIN || state == FSW_DELAY) return !e->is_telling;
+  return state == FSW_DEPTH_GAIN && !e->is_excited;
+}
+
+/* Whether the power has moved within the last dead time, so that the temperature will tell its gain. */
+static void note_power(fsw_estimator *e, const fsw_nmpc_model *m) {
+  double least = e->power[0], most = e->power[0];
+  for (int k = 1; k < m->n_history; k++) {
+    const double power = e->power[k];
+    least = power < least ? power : least;
+    most = power > most ? power : most;
+  }
+  if (most - least > HEATED_KW) e->heated_ticks = HEATED_TICKS + m->n_history;
+  else if (e->heated_ticks > 0) e->heated_ticks--;
+}
 
 /* p = a p a' + walk */
 static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
@@ -200,6 +225,41 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
     }
 }
 
+/* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
+static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
+  const double last = m->n_history + FSW_LATER - 1.001; /* power that is still to come: as the newest */
+  const double place = fsw_clip((m->dead_time_s + delay_s) / FSW_TICK_S - 1.0, 0.0, last);
+  const int newer = (int)place;
+  *by_delay = (e->power[newer + 1] - e->power[newer]) / FSW_TICK_S;
+  return e->power[newer] + (place - newer) * FSW_TICK_S * *by_delay;
+}
+
+/* The heat of the power that arrives earlier or later than in the model. */
+static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper, double *tool) {
+  double by_delay, unused;
+  const double *x = e->x, gain = x[FSW_THERMAL_GAIN];
+  const double more = arriving(e, m, x[FSW_DELAY], &by_delay) - arriving(e, m, 0.0, &unused);
+  *copper += m->modes[8] * gain * more;
+  *tool += m->modes[9] * gain * more;
+  e->a[FSW_COPPER][FSW_THERMAL_GAIN] += m->modes[8] * more;
+  e->a[FSW_TOOL][FSW_THERMAL_GAIN] += m->modes[9] * more;
+  e->a[FSW_COPPER][FSW_DELAY] = m->modes[8] * gain * by_delay;
+  e->a[FSW_TOOL][FSW_DELAY] = m->modes[9] * gain * by_delay;
+}
+
+/* The power under way as the model, with its dead time, has to see it for all of it to arrive when it does. */
+void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]) {
+  double unused;
+  const double delay_s = e->x[FSW_DELAY];
+  for (int k = 0; k < 3 * m->n_history; k++) history[k] = e->history[k];
+  if (delay_s == 0.0) return;
+  for (int k = 0; k < m->n_history; k++) {
+    const double later_s = k * FSW_TICK_S;
+    history[3 * k] = arriving(e, m, delay_s - later_s, &unused);
+    history[3 * k + 1] = history[3 * k + 2] = 0.0;
+  }
+}
+
 /* One tick of the model, as in predict.c, and of the covariance. */
 static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
@@ -215,13 +275,19 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   left_row[FSW_FORCE] += scale * left.by_force;
   left_row[FSW_SCALE] = left.value;
 
-  double copper = mode[5] * x[FSW_COPPER] + mode[8] * x[FSW_HEAT];
-  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * x[FSW_HEAT];
+  const double heated = x[FSW_THERMAL_GAIN], heat = heated * x[FSW_HEAT];
+  double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
+  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = m->weight_start[0]; k < m->weight_start[1]; k++) {
     const double *g = m->weight + 6 * k, *power = e->history + 3 * m->weight_segment[k];
-    copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
-    tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
+    const double to_copper = g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+    const double to_tool = g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
+    copper += heated * to_copper;
+    tool += heated * to_tool;
+    e->a[FSW_COPPER][FSW_THERMAL_GAIN] += to_copper;
+    e->a[FSW_TOOL][FSW_THERMAL_GAIN] += to_tool;
   }
+  shift_heat(e, m, &copper, &tool);
   x[FSW_CREEP] += gain * mode[0] * pushed;
   x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + gain * mode[2] * pushed;
   x[FSW_COPPER] = copper;
@@ -253,6 +319,9 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   newest[0] = kw * begin - m->operating_power_kw;
   newest[1] = kw * rise;
   newest[2] = kw * rest;
+  for (int k = m->n_history + FSW_LATER - 1; k > 0; k--) e->power[k] = e->power[k - 1];
+  e->power[0] = newest[0] + 0.5 * newest[1] + newest[2] * lag * (1.0 - motor_decay);
+  note_power(e, m);
   predict_covariance(e, t);
 }
 
@@ -310,6 +379,7 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
 
 static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
+  const double gain = e->x[FSW_THERMAL_GAIN];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
   const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
@@ -339,12 +409,18 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
+  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
+  e->x[FSW_THERMAL_GAIN] = fsw_clip(wanted, gain - THERMAL_GAIN_STEP, gain + THERMAL_GAIN_STEP);
+  const double latest = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
+  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], -latest, latest);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
  * the estimate is sound; if it is not, it has ended and must be started anew. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, in);
+  e->is_telling =
+      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
   predict(e, m, t);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;

@@ -33,11 +33,12 @@ extern "C" {
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
+  FSW_LATER = 12,                            /* ticks by which the power may arrive later than in the model */
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
-  FSW_STATES = 13,
-  FSW_ESTIMATES = 8,                         /* of fsw_nmpc_output */
+  FSW_STATES = 15,
+  FSW_ESTIMATES = 10,                        /* of fsw_nmpc_output */
   FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
 };
 
@@ -91,6 +92,10 @@ typedef struct {
   double quality_temp_c[2];    /* limits that the temperature keeps before the depth keeps its set-point */
   double weight[2];            /* L1 cost outside the dead-band, per output point; 0: none */
   double square[2];            /* quadratic cost on the deviation from the trajectory; 0: none */
+  double knee[2];              /* of the output without priority: deviation beyond which that cost goes on linearly, at
+                                  the slope it has there; 0: never. Not with an L1 cost */
+  double held_share;           /* 0 to 1: share of the bounds by which the depth waits for what the speed can compensate */
+  double window_weight[2];     /* L1 cost outside the quality limits, at the ends of the blocks; 0: none */
   double move_weight[2];       /* L1 cost of an interval's move, per kN and per rpm */
   double move_square[2];       /* quadratic, per kN^2 and per rpm^2 */
   double move_max[2], input_min[2], input_max[2];
@@ -109,7 +114,9 @@ typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET,
   FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
-  FSW_DEPTH_GAIN                             /* factor on the model's */
+  FSW_DEPTH_GAIN,                            /* factor on the model's */
+  FSW_THERMAL_GAIN,                          /* likewise on the effect of the power on the copper */
+  FSW_DELAY                                  /* of the power beyond the model's dead time, s; not used to predict */
 } fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
@@ -157,7 +164,7 @@ typedef struct {
   double copper_c;                         /* estimate: temperature of the copper */
   double attainable[2];                    /* set-points, or what replaces those that the inputs cannot hold together */
   /* estimates and their standard deviations: force, heat, torque scale, offsets of depth and temperature, their rates,
-   * factor on the gain of the depth */
+   * factors on the gains of the depth and of the power, delay beyond the model's dead time */
   double disturbance[FSW_ESTIMATES], deviation[FSW_ESTIMATES];
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
@@ -171,14 +178,15 @@ typedef struct {
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
   double speed_offset_rpm;
-  double depth_gain;                       /* factor on the model's */
+  double depth_gain, thermal_gain;         /* factors on the model's */
   double drift[2][FSW_MAX_OUT];            /* how far the two offsets move until each output point */
 } fsw_start;
 
-/* One tick's problem: start, and the dead-bands about the trajectories. */
+/* One tick's problem: start, the dead-bands about the trajectories, and the quality limits of both outputs. */
 typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
+  double window_low[2], window_high[2];
 } fsw_problem;
 
 typedef struct {
@@ -190,6 +198,9 @@ typedef struct {
   double blind_s[3];
   int started;
   int is_excited;                          /* whether the force has moved lately */
+  double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
+  int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
+  int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;

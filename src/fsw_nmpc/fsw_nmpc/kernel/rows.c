@@ -2,11 +2,17 @@
  *
  * Variables are the moves divided by their largest value. Rows in use are the outputs with a weight that moves can
  * reach; the moves' own rows and the inputs at the ends of the blocks (sums of moves) need no matrix. */
+#include <math.h>
+
 #include "internal.h"
 
 /* of scaled moves: a start so close to the limits is taken back; a move without a cost still has a smallest one */
 #define INSIDE 0.95
 #define LEAST_CURVATURE 1e-9
+/* share of the width between quality limits that is near a limit */
+#define NEAR_LIMIT 0.1
+/* a deviation of the last plan of less than this share of the knee is taken for one that stays below it */
+#define NEAR_KNEE 0.5
 
 /* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
 double fsw_dot(const double *restrict a, const double *restrict b, int n) {
@@ -50,13 +56,46 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }
 
+/* Output r of the linear model along the moves v about which it is one. */
+static double planned(const fsw_workspace *w, int r, int width, const double *v) {
+  double value = w->output[r];
+  for (int j = 0; j < width; j++) value += w->by[r][j] * v[j] / w->scale[j];
+  return value;
+}
+
+/* Whether the last plan comes so near to a quality limit at output i that the limit may act. */
+static int is_near_limit(const fsw_problem *problem, int q, double value) {
+  const double near = NEAR_LIMIT * (problem->window_high[q] - problem->window_low[q]);
+  return value > problem->window_high[q] - near || value < problem->window_low[q] + near;
+}
+
+/* Sides at the quality limits, at the ends of the blocks: behind the others, as no other output has more than one. */
+static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
+                          fsw_workspace *w, double *weight) {
+  w->n_windows = 0;
+  for (int q = 0; q < 2; q++) {
+    w->window_low[q] = problem->window_low[q];
+    w->window_high[q] = problem->window_high[q];
+  }
+  for (int n = 0; n < w->n_rows && w->n_soft_rows < FSW_MAX_ROWS; n++) {
+    const int r = w->row[n], q = r >= m->n_out, i = q ? r - m->n_out : r;
+    if (!(t->window_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
+    /* the depth on its way to another set-point is not inside the limits about it: its trajectory is kept by its cost */
+    if (!q && (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q])) continue;
+    if (!is_near_limit(problem, q, planned(w, r, w->row_width[n], v))) continue;
+    weight[w->n_soft_rows] = t->window_weight[q];
+    w->soft_row[w->n_soft_rows++] = n;
+    w->n_windows++;
+  }
+}
+
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
   int n = 0;
   build_variables(m, t, &problem->start, v, w);
-  w->n_depth = w->n_soft_rows = 0;
+  w->n_depth = w->n_soft_rows = w->n_bent = 0;
   for (int r = 0; r < 2 * n_out; r++) {
     const int q = r >= n_out, i = q ? r - n_out : r;
     const int width = q ? m->temperature_width[i] : m->depth_width[i];
@@ -73,14 +112,21 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
     w->low[n] = problem->low[q][i] - at_zero;
     w->high[n] = problem->high[q][i] - at_zero;
     w->square[n] = t->square[q] > 0.0 ? t->square[q] : 0.0;
-    if (t->weight[q] > 0.0) {
-      weight[w->n_soft_rows] = t->weight[q];
+    const int is_bent = t->knee[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_KNEE * t->knee[q];
+    if (t->weight[q] > 0.0 || is_bent) {
+      weight[w->n_soft_rows] = is_bent ? t->knee[q] * t->square[q] : t->weight[q];
+      if (is_bent) {
+        w->square[n] = 0.0;
+        w->bend = 1.0 / t->square[q];
+        w->n_bent++;
+      }
       w->soft_row[w->n_soft_rows++] = n;
     }
     n++;
     if (!q) w->n_depth = n;
   }
   w->n_rows = n;
+  build_windows(m, t, problem, v, w, weight);
   const int k_rows = w->n_soft_rows;
   for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * k_rows + k] = w->soft.weight[k];
   for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = weight[k];

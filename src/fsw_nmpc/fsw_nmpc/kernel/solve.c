@@ -60,6 +60,13 @@ static void sides(fsw_workspace *w) {
     e[k] = w->value[r] - w->high[r];
     e[n + k] = w->low[r] - w->value[r];
   }
+  for (int k = n - w->n_windows; k < n; k++) { /* a trajectory beyond a quality limit, on its way back, is the limit */
+    const int r = w->soft_row[k], q = r >= w->n_depth;
+    const double above = w->value[r] + w->output[w->row[r]] - w->window_high[q];
+    const double below = w->window_low[q] - w->output[w->row[r]] - w->value[r];
+    e[k] = above < e[k] ? above : e[k];
+    e[n + k] = below < e[n + k] ? below : e[n + k];
+  }
   for (int k = 0; k < w->n_moves; k++) e[2 * n + k] = w->z[w->move[k]];
   for (int j = 0; j < nv; j++) {
     h[j] = w->z[j] - 1.0;
@@ -73,12 +80,33 @@ static double cost_of(const fsw_workspace *w) {
   double cost = 0.0;
   for (int k = 0; k < n_soft(w); k++)
     if (w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
+  for (int k = 0; k < w->n_bent; k++) { /* less below the knee */
+    const int both[2] = {k, w->n_soft_rows + k};
+    for (int i = 0; i < 2; i++) {
+      const double knee = w->soft.weight[both[i]] * w->bend, e = w->soft.e[both[i]];
+      if (e > 0.0) cost -= 0.5 / w->bend * (e < knee ? e * (2.0 * knee - e) : knee * knee);
+    }
+  }
   for (int r = 0; r < w->n_rows; r++) {
     const double off = w->value[r] - 0.5 * (w->low[r] + w->high[r]);
     cost += 0.5 * w->square[r] * off * off;
   }
   for (int j = 0; j < w->nv; j++) cost += w->z[j] * (w->gradient[j] + 0.5 * w->diagonal[j] * w->z[j]);
   return cost;
+}
+
+/* A side that costs squares up to a knee: its force is no more than its excess over `bend`, so e - bend lambda = t - s. */
+static void start_bent(fsw_workspace *w, int k, double mu) {
+  fsw_soft *f = &w->soft;
+  const double e = f->e[k] - w->bend * f->lambda[k];
+  f->t[k] = (e > 0.0 ? e : 0.0) + mu / f->lambda[k];
+  f->s[k] = f->t[k] - e;
+}
+
+static void bend(fsw_workspace *w, int k) {
+  fsw_soft *f = &w->soft;
+  f->pivot[k] = 1.0 / (f->t[k] * f->per_pi[k] + f->s[k] * f->per_lambda[k] + w->bend);
+  f->residual[k] -= w->bend * f->lambda[k];
 }
 
 /* Start with every soft dual in the middle of its range: it has the shortest way, wherever the solution is. Duals of
@@ -96,6 +124,7 @@ static void start(fsw_workspace *w) {
     f->t[k] = (f->e[k] > 0.0 ? f->e[k] : 0.0) + margin;
     f->s[k] = f->t[k] - f->e[k];
   }
+  for (int k = 0; k < w->n_bent; k++) start_bent(w, k, mu), start_bent(w, w->n_soft_rows + k, mu);
   for (int k = 0; k < 4 * w->nv; k++) {
     h->s[k] = -h->e[k] > LEAST_SLACK ? -h->e[k] : LEAST_SLACK;
     h->lambda[k] = mu / h->s[k];
@@ -119,6 +148,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
     f->residual[k] = f->e[k] - f->t[k] + f->s[k];
     f->work[k] = sl + tp;
   }
+  for (int k = 0; k < w->n_bent; k++) bend(w, k), bend(w, n_rows + k);
   for (int k = 0; k < 4 * nv; k++) {
     const double sl = h->s[k] * h->lambda[k], per_sl = 1.0 / sl;
     h->per_s[k] = h->lambda[k] * per_sl;

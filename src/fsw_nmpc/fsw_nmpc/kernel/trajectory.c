@@ -106,6 +106,9 @@ static double half_time_s(const approach *a, double size) {
   return time_s;
 }
 
+/* Gain of the settled temperature over the power. */
+static double thermal_gain(const fsw_nmpc *c) { return c->estimator.x[FSW_THERMAL_GAIN] * c->model.thermal_gain_c_per_kw; }
+
 /* Gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
   return c->estimator.x[FSW_DEPTH_GAIN] * (c->model.depth_gain[0] + c->model.depth_gain[1]);
@@ -124,7 +127,7 @@ static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const double *x = c->estimator.x, speed = (bound ? c->tuning.input_max[1] : c->tuning.input_min[1]);
   const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
   const double power = given - m->operating_power_kw + x[FSW_HEAT];
-  return m->operating_temperature_c + m->thermal_gain_c_per_kw * power + x[FSW_TEMP_OFFSET];
+  return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
 }
 
 /* Replace set-points (depth, temperature) that no speed within the bounds can hold together. The temperature first keeps
@@ -188,7 +191,7 @@ static int targets_of(const approach *a, int q, int n_goals, const double at_s[]
 static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
-  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
+  const double heating = thermal_gain(c) / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
   const fsw_torque held = held_torque(c, depth_mm);
@@ -205,7 +208,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
-  double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT]; /* that holds */
+  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - x[FSW_HEAT]; /* that holds */
   if (!(power > LEAST_POWER_KW)) power = LEAST_POWER_KW;
   const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->input_min[0], high = t->input_max[0], force_rate = t->move_max[0] / FSW_TICK_S;
@@ -213,8 +216,10 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   if (by_force > 0.0 && t->input_min[1] > 0.0) { /* forces at which the fastest and the slowest speed give the power */
     const double by_fastest = m->operating_force_kn + (nm_rpm / t->input_max[1] - torque) / by_force;
     const double by_slowest = m->operating_force_kn + (nm_rpm / t->input_min[1] - torque) / by_force;
-    low = low > by_fastest ? low : by_fastest;
-    high = high < by_slowest ? high : by_slowest;
+    const double fastest = t->held_share * by_fastest + (1.0 - t->held_share) * low;
+    const double slowest = t->held_share * by_slowest + (1.0 - t->held_share) * high;
+    low = low > fastest ? low : fastest;
+    high = high < slowest ? high : slowest;
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
     force_rate = force_rate < followed ? force_rate : followed;
   }
@@ -225,12 +230,12 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->acceleration = SMOOTHED * gain * force_rate;
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
-  const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
+  const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - x[FSW_HEAT];
   double rate[2];
   held_rates(c, kept, goal, rate);
   temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
   temp->top_rate = rate[1] > LEAST_RATE_C_S ? rate[1] : LEAST_RATE_C_S;
-  temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
+  temp->acceleration = thermal_gain(c) / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
 /* Rate of the depth under the inputs that act. */
@@ -254,11 +259,12 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  double copper = mode[5] * x[FSW_COPPER] + mode[8] * x[FSW_HEAT];
-  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * x[FSW_HEAT];
+  const double gain = x[FSW_THERMAL_GAIN], heat = gain * x[FSW_HEAT];
+  double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
+  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
-    copper += m->ahead_power[k] * e->history[k];
-    tool += m->ahead_power[n + k] * e->history[k];
+    copper += gain * m->ahead_power[k] * c->problem.start.history[k];
+    tool += gain * m->ahead_power[n + k] * c->problem.start.history[k];
   }
   const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
@@ -267,7 +273,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
     rate *= c->tuning.rate_keep;
   }
   const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
-  motion ahead = {shown + copper, rate + (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
+  motion ahead = {shown + copper, rate + (thermal_gain(c) * power - copper) / m->copper_lag_s, shown + tool};
   *copper_c = copper;
   return ahead;
 }
@@ -287,7 +293,7 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_temp = {t->time_s[1] * (1.0 + c->estimator.x[FSW_DELAY] / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
@@ -333,6 +339,10 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
     corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
     c->has_corridor = 1;
   }
+  c->problem.window_low[0] = c->attainable[0] - c->tuning.quality_depth_mm;
+  c->problem.window_high[0] = c->attainable[0] + c->tuning.quality_depth_mm;
+  c->problem.window_low[1] = c->tuning.quality_temp_c[0];
+  c->problem.window_high[1] = c->tuning.quality_temp_c[1];
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {
       c->problem.low[q][i] = path[q][i] - c->tuning.dead_band[q];

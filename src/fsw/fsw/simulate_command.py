@@ -15,6 +15,7 @@ from fsw.errors import CommandError
 from fsw.options import add_file, add_repeated
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
+from fsw.welds import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
@@ -22,7 +23,7 @@ from fsw_plant import PlantConfig, prepare
 from fsw_quality.procedure import load as load_procedure
 from fsw_quality.procedure import shipped as procedures
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all, name_of, short, variant_of
+from fsw_scenario.controllers import name_of, variant_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
@@ -112,15 +113,11 @@ def _loops(
     with ProgressBar("heat conduction in the canister") as bar:
         prepare(PlantConfig.from_values(scenario.plant), lambda share, _: bar(share))
     for label in labels:
-        if scenario.open_loop:
-            chosen, title = scenario, "open loop"
-        else:
-            chosen, title = load(arguments.scenario, [*overrides, f"controller={name_of(label)}"]), short(label)
-        controllers = make_all(chosen, label, parameters)
-        used |= controllers.keys()
-        if len(labels) == 1 and len(controllers) > 1:
-            title = " and ".join(controllers)
-        loops[title] = (label, ClosedLoop(chosen, controllers))
+        title, loop = closed_loop(arguments.scenario, None if scenario.open_loop else label, overrides, parameters)
+        used |= set(loop.scenario.controllers)
+        if len(labels) == 1 and len(loop.scenario.controllers) > 1:
+            title = " and ".join(loop.scenario.controllers)
+        loops[title] = (label, loop)
     unused = [name for name in parameters if name not in used]
     if unused:
         raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")

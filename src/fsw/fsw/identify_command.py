@@ -21,7 +21,7 @@ from fsw_plant.config import specs
 from fsw_schema.ranges import Range
 
 if TYPE_CHECKING:
-    from fsw_identification.summary import Summary
+    from fsw.processes import Identified
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
@@ -67,14 +67,14 @@ def _run(arguments: argparse.Namespace) -> int:
     arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
-    from fsw_identification import model_file, summary
+    from fsw_identification import summary
 
     result = _identify(arguments)
     for rows in (summary.parameter_rows(result), summary.output_rows(result)):
         print_table(rows[1:], rows[0], words=1)
         print()
     print("".join(f"- {line}\n" for line in summary.remarks(result)), end="")
-    write_text(arguments.out, model_file.text(result.fit, result.sources, result.air))
+    write_text(arguments.out, result.text)
     files = [arguments.out]
     if arguments.report is not None:
         from fsw_identification import report
@@ -84,25 +84,19 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _identify(arguments: argparse.Namespace) -> Summary:
-    from fsw_identification import estimation
-    from fsw_identification.friction import from_air
-    from fsw_identification.summary import Summary
+def _identify(arguments: argparse.Namespace) -> Identified:
+    from fsw.processes import fit
+    from fsw.welds import Weld
 
-    start, air = _model(arguments.model), dict[str, float]()
+    start = _model(arguments.model)
+    air = None if arguments.air is None else Weld("air", load_weld(arguments.air))
     welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
     checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag)
-    if arguments.air is not None:
-        start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
     for weld in welds:
         for note in weld.notes:  # now, too, because the fit takes a while
             print(f"{weld.name}: {note}", file=sys.stderr)
     with ProgressBar("identifying") as bar:
-        segments = [segment for weld in welds for segment in weld.segments]
-        fit = estimation.identify(segments, start, bar, arguments.steady)
-    validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
-    notes = tuple(note for weld in welds for note in weld.notes)
-    return Summary(", ".join(weld.name for weld in welds), fit, validation, notes, air)
+        return fit(welds, checked, air, start, arguments.drive_lag, arguments.steady, bar)
 
 
 def _design(arguments: argparse.Namespace) -> int:

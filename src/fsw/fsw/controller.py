@@ -1,0 +1,53 @@
+"""Base class for a controller of one's own."""
+
+from __future__ import annotations
+
+from fsw_control.contract import Command, Limits, Measurement, Proposal, Reference
+
+
+class Controller:
+    """Derive your controller from this: give it a ``name`` and a :meth:`command`.
+
+    The command is limited to bounds and rates, and a tick at which a needed sensor is invalid is answered with an
+    unhealthy proposal. A class with ``step`` and ``reset`` of its own
+    (:class:`fsw_control.contract.Controller`) needs no base.
+
+    Attributes
+    ----------
+    name : str
+    tolerated_sensors : tuple of str
+        Sensors (``depth``, ``torque``, ``thermocouple``) that may be invalid for a while.
+    limits : Limits
+
+    Examples
+    --------
+    >>> import fsw
+    >>> class DepthOnly(fsw.Controller):
+    ...     name = "depth_only"
+    ...     tolerated_sensors = ("torque", "thermocouple")
+    ...
+    ...     def command(self, measurement, reference, applied):
+    ...         error_mm = reference.depth_mm - measurement.depth_mm
+    ...         return fsw.Command(78.4 + 50.0 * error_mm, applied.speed_rpm)
+    >>> weld = fsw.simulate("quick", controller=DepthOnly())
+    >>> weld.kpi["iae_depth_mm_s"] < 2.0
+    True
+    """
+
+    name = "own"
+    tolerated_sensors: tuple[str, ...] = ()
+    limits = Limits()
+
+    def command(self, measurement: Measurement, reference: Reference, applied: Command) -> Command:
+        """Force and speed wanted at this tick; ``applied`` is the command in force during the last one."""
+        raise NotImplementedError(f"{type(self).__name__} needs a method 'command'")
+
+    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        """The proposal of this tick, see :class:`fsw_control.contract.Controller`."""
+        invalid = [one for one in measurement.invalid_sensors() if one not in self.tolerated_sensors]
+        if invalid:
+            return Proposal(applied, healthy=False, reason=f"no {', '.join(invalid)}")
+        return Proposal(self.limits.clip(self.command(measurement, reference, applied), applied))
+
+    def reset(self, applied: Command) -> None:
+        """Forget the past; a controller without memory has none."""

@@ -1,0 +1,73 @@
+"""Lists managed nodes, gets their states and asks for transitions by the standard services."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
+
+from fsw.console import print_table
+from fsw.errors import CommandError
+from fsw.operator_node import LogLines, Operator, domain_text, operator
+
+_GET_STATE = "/get_state"
+_TYPE = "lifecycle_msgs/srv/GetState"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry the command out; returns the exit code."""
+    with operator(arguments.timeout, arguments.namespace) as node:
+        managed = _managed(node, arguments.node)
+        if not arguments.node:
+            print_table([(name, _state(node, name)) for name in managed], ("node", "state"))
+            return 0
+        if arguments.node not in managed:
+            where = f"{domain_text()}, namespace {node.node.get_namespace()}"
+            raise CommandError(
+                f"no managed node {arguments.node} on {where}; there are: {', '.join(managed) or 'none'}"
+            )
+        if arguments.verb == "set":
+            _change(node, arguments.node, arguments.transition)
+        if arguments.verb == "list":
+            print_table([(label, goal) for label, (_, goal) in _transitions(node, arguments.node).items()])
+        else:
+            print(f"{arguments.node}: {_state(node, arguments.node)}")
+    return 0
+
+
+def _managed(node: Operator, wanted: str) -> list[str]:
+    """Names of the managed nodes of the namespace, as soon as there is the wanted one, or any."""
+    home = node.node.get_namespace().rstrip("/") + "/"
+
+    def found() -> list[str]:
+        services = node.node.get_service_names_and_types()
+        names = [name for name, kinds in services if _TYPE in kinds and name.startswith(home)]
+        short = [name.removeprefix(home).removesuffix(_GET_STATE) for name in names]
+        return sorted(one for one in short if "/" not in one)
+
+    node.wait_until(lambda: wanted in found() if wanted else found())
+    return found()
+
+
+def _state(node: Operator, name: str) -> str:
+    return str(node.call(GetState, f"{name}{_GET_STATE}", GetState.Request()).current_state.label)
+
+
+def _transitions(node: Operator, name: str) -> dict[str, tuple[int, str]]:
+    """Identifier of each transition that the node has now, and the state it leads to, by label."""
+    request = GetAvailableTransitions.Request()
+    answer = node.call(GetAvailableTransitions, f"{name}/get_available_transitions", request)
+    return {one.transition.label: (one.transition.id, one.goal_state.label) for one in answer.available_transitions}
+
+
+def _change(node: Operator, name: str, label: str) -> None:
+    # looked up first: a request that does not fit the state is an error in the node
+    known = _transitions(node, name)
+    if label not in known:
+        raise CommandError(f"{name} is {_state(node, name)} and has no transition {label} now; has {', '.join(known)}")
+    logs = LogLines(node, name, "cannot ")
+    request: Any = ChangeState.Request()
+    request.transition.id, request.transition.label = known[label][0], label
+    if not node.call(ChangeState, f"{name}/change_state", request).success:
+        raise CommandError(logs.last() or f"{name} cannot {label}; its log says why")

@@ -1,0 +1,349 @@
+"""The process model for use in Python: its equations, linearisations and forms for other tools; identification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw.welds import Weld, read_bag
+from fsw_identification import estimation, model_file, summary
+from fsw_identification.friction import from_air
+from fsw_identification.summary import Summary
+from fsw_identification.weld_data import WeldData, prepare
+from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations
+from fsw_plant.config import specs
+from fsw_schema.models import InputError
+
+Vector = NDArray[np.float64]
+
+
+INPUTS = ("force_kn", "speed_rpm")
+OUTPUTS = ("depth_mm", "temperature_c", "motor_torque_nm")
+
+
+class Model:
+    """The process of the paper, equations (16)-(27), with some parameters.
+
+    Parameters
+    ----------
+    parameters : ModelParameters
+
+    Attributes
+    ----------
+    parameters : ModelParameters
+    process : ProcessModel
+        Steps it by numbers; its ``step_function`` and ``output_function`` are the CasADi functions of one tick.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> at = fsw.model().process.equilibrium(2.66, 816.4)
+    >>> round(at.force_kn, 1), round(at.speed_rpm, 3)
+    (78.4, 407.576)
+    """
+
+    def __init__(self, parameters: ModelParameters) -> None:
+        self.parameters = parameters
+        self.process = ProcessModel(parameters)
+
+    def equation(self, number: int) -> ca.Function:
+        """An equation of the paper as a CasADi function; names of arguments and results hold the units.
+
+        (16), (17), (18) are derivatives with respect to time, (16) without its dead time; (19) holds (20)-(22).
+
+        Raises
+        ------
+        fsw_schema.models.InputError
+            For a number that is none of these: 8, 16-19, 23, 24, 26, 27.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> torque = fsw.model().equation(19)
+        >>> round(float(torque(78.4, 2.66)))
+        1022
+        """
+        found = self._equations.get(number)
+        if found is None:
+            raise InputError(f"equation {number}: there are {', '.join(map(str, self._equations))}")
+        return found
+
+    @cached_property
+    def _equations(self) -> dict[int, ca.Function]:
+        p = self.parameters
+        (force, speed, depth, torque, motor), modes = map(ca.SX.sym, ("F", "w", "z", "M", "tau")), ca.SX.sym("l", 3)
+        lags, arriving = ca.SX.sym("T", 2), ca.SX.sym("P")
+        (a, b), (poles, gains) = equations.thermal_block(p), equations.depth_modes(p)
+        friction = _function("friction", {"speed_rpm": speed}, "torque_nm", equations.friction_torque_nm(p, speed))
+        thermal = ca.DM(a) @ lags + ca.DM(b) * arriving
+        moved = ca.DM(poles) * modes + ca.DM(gains) * (force - p.operating_force_kn)
+        depth_of = equations.depth_mm(p, modes[0], modes[1], modes[2], lags[1])
+        lag = (torque - motor) / p.motor_lag_s
+        of_tool = equations.process_torque_nm(p, force, depth)
+        power = equations.power_kw(torque, speed)
+        return {
+            8: friction,
+            16: _function("thermal", {"copper_tool_c": lags, "power_kw": arriving}, "c_per_s", thermal),
+            17: _function("depth_modes", {"modes_mm": modes, "force_kn": force}, "mm_per_s", moved),
+            18: _function("motor", {"torque_nm": torque, "motor_torque_nm": motor}, "nm_per_s", lag),
+            19: _function("process_torque", {"force_kn": force, "depth_mm": depth}, "torque_nm", of_tool),
+            23: friction,
+            24: _function("power", {"torque_nm": torque, "speed_rpm": speed}, "power_kw", power),
+            26: _function("temperature", {"copper_tool_c": lags}, "temperature_c", p.operating_temperature_c + lags[1]),
+            27: _function("depth", {"modes_mm": modes, "copper_tool_c": lags}, "depth_mm", depth_of),
+        }
+
+    @cached_property
+    def discrete(self) -> ca.Function:
+        """One tick of 0.1 s, the dead time in the state: (x, u) -> (x next, y), exact between ticks.
+
+        ``x`` holds the six states of :mod:`fsw_model.equations` and the power of each tick of the dead time, four
+        numbers each; ``u`` is (force kN, speed rpm), ``y`` (depth mm, temperature degC, motor torque N m) at the
+        beginning of the tick. Explicit, as acados takes it for ``disc_dyn_expr``.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> model = fsw.model()
+        >>> x = model.state()
+        >>> x_next, y = model.discrete(x, [78.4, 407.576])
+        >>> x.shape, [round(float(value), 2) for value in y.full().ravel()[:2]]
+        ((118,), [2.66, 816.4])
+        """
+        n, n_power = self.process.delay_steps, equations.N_POWER
+        x, u = ca.SX.sym("x", equations.N_STATES + n * n_power), ca.SX.sym("u", 2)
+        own, power = x[: equations.N_STATES], x[equations.N_STATES :]
+        newer = power[n_power : 2 * n_power] if n > 1 else power[:n_power]
+        moved, sent, _ = self.process.step_function(own, power[:n_power], newer, u[0], u[1])
+        shown = self.process.output_function(own, u[0], u[1])
+        after = ca.vertcat(moved, power[n_power:], sent)
+        y = ca.vertcat(shown[0], shown[1], shown[3])
+        return ca.Function("discrete", [x, u], [after, y], ["x", "u"], ["x_next", "y"])
+
+    def state(self, at: Equilibrium | None = None) -> Vector:
+        """State of :attr:`discrete` at an equilibrium, that of the operating point by default."""
+        state = (at or self.process.equilibrium()).state
+        return np.concatenate([state.x, np.ravel(state.power)])
+
+    def linearise(
+        self,
+        depth_mm: float | None = None,
+        temperature_c: float | None = None,
+        delay: Literal["pade", "exact"] = "pade",
+        order: int = 4,
+    ) -> Any:
+        """Linearise about an equilibrium, as a ``control.StateSpace`` of deviations; ImportError without that.
+
+        Parameters
+        ----------
+        depth_mm, temperature_c : float, optional
+            Those of the operating point by default.
+        delay : {"pade", "exact"}
+            Continuous, with the Padé approximation of the dead time; or per tick of 0.1 s, where the dead time is
+            exact.
+        order : int
+            Of the Padé approximation.
+
+        Returns
+        -------
+        control.StateSpace
+            From (force kN, speed rpm) to (depth mm, temperature degC, motor torque N m).
+
+        Raises
+        ------
+        fsw_model.OperatingPointError
+            If there is no such equilibrium.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> plant = fsw.model().linearise(delay="exact")
+        >>> plant.dt, plant.ninputs, plant.noutputs
+        (0.1, 2, 3)
+        """
+        import control
+
+        at = self.process.equilibrium(depth_mm, temperature_c)
+        names = {"inputs": list(INPUTS), "outputs": list(OUTPUTS)}
+        if delay == "exact":
+            a, b, c, d = self._slopes(self.state(at), [at.force_kn, at.speed_rpm])
+            return control.ss(a, b, c, d, STEP_S, **names)
+        if delay != "pade" or order < 1:
+            raise InputError(f"linearise: delay is pade or exact, and order at least 1, not {delay}, {order}")
+        a, b, c = self._with_pade(at, order)
+        return control.ss(a, b, c, np.zeros((3, 2)), **names)
+
+    def _slopes(self, x: Vector, u: Sequence[float]) -> list[Vector]:
+        """A, B, C, D of :attr:`discrete` at a point."""
+        states, inputs = ca.SX.sym("x", x.size), ca.SX.sym("u", 2)
+        parts = [ca.jacobian(of, by) for of in self.discrete(states, inputs) for by in (states, inputs)]
+        return [part.full() for part in ca.Function("slopes", [states, inputs], parts)(x, u)]
+
+    def _with_pade(self, at: Equilibrium, order: int) -> tuple[Vector, Vector, Vector]:
+        """A, B, C in continuous time; the states of the approximation of the dead time follow those of the process."""
+        import control
+        from scipy.signal import tf2ss
+
+        lin = self.process.linearise(at)
+        az, bz, cz, dz = tf2ss(*control.pade(lin.dead_time_s, order))
+        arriving = np.concatenate([dz[0, 0] * lin.c_power, cz.ravel()])  # power that arrives, over both states
+        a = np.zeros((len(lin.a) + order,) * 2)
+        a[:6, :6], a[6:, 6:], a[6:, :6] = lin.a, az, bz @ lin.c_power[None, :]
+        a[:6] += np.outer(lin.b_power, arriving)
+        b = np.vstack([lin.b + np.outer(lin.b_power, dz[0, 0] * lin.d_power), bz @ lin.d_power[None, :]])
+        return a, b, np.hstack([lin.c, np.zeros((3, order))])
+
+    def to_do_mpc(self) -> Any:
+        """Make a discrete ``do_mpc.model.Model`` of 0.1 s per step, set up; ImportError without do-mpc.
+
+        Its state ``x`` is that of :attr:`discrete`, its inputs are ``force_kn`` and ``speed_rpm``, and its expressions
+        ``depth_mm``, ``temperature_c`` and ``motor_torque_nm``.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> fsw.model().to_do_mpc().n_x
+        118
+        """
+        from do_mpc.model import Model as DoMpcModel
+
+        made = DoMpcModel("discrete", "SX")
+        x = made.set_variable("_x", "x", (self.state().size, 1))
+        after, y = self.discrete(x, ca.vertcat(*(made.set_variable("_u", name) for name in INPUTS)))
+        for i, name in enumerate(OUTPUTS):
+            made.set_expression(name, y[i])
+        made.set_rhs("x", after)
+        made.setup()
+        return made
+
+
+def _function(name: str, given: Mapping[str, ca.SX], result: str, value: ca.SX) -> ca.Function:
+    return ca.Function(name, list(given.values()), [value], list(given), [result])
+
+
+def model(source: str | Path | ModelParameters | None = None, **factors: float) -> Model:
+    """The process model.
+
+    Parameters
+    ----------
+    source : str, Path or ModelParameters, optional
+        Model file, e.g. from :func:`identify`, or parameters; the paper's by default.
+    **factors : float
+        Factors on parameters, e.g. ``thermal_gain_c_per_kw=1.2``.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        When the file cannot be read or a value is not physical.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> round(fsw.model(thermal_gain_c_per_kw=1.2).parameters.thermal_gain_c_per_kw, 2)
+    21.72
+    """
+    found = ModelParameters() if source is None else source
+    if not isinstance(found, ModelParameters):
+        found = ModelParameters.from_file(Path(found))
+    return Model(found.scaled(**factors) if factors else found)
+
+
+class Identified(Summary):
+    """Model parameters estimated from welds, with their statistics; as text, the tables of ``fsw identify``."""
+
+    @property
+    def parameters(self) -> ModelParameters:
+        """The estimate; parameters that cannot be estimated are as at the start."""
+        return self.fit.parameters
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviations of the estimated parameters."""
+        return self.fit.std | self.air
+
+    @property
+    def text(self) -> str:
+        """Model file (YAML), which :func:`model` reads."""
+        return model_file.text(self.fit, self.sources, self.air)
+
+    def __str__(self) -> str:
+        tables = (summary.parameter_rows(self), summary.output_rows(self))
+        lines = ["  ".join(f"{cell:<22}" for cell in row).rstrip() for rows in tables for row in (*rows, [])]
+        return "\n".join([*lines, *summary.remarks(self)])
+
+
+def identify(
+    *welds: Weld | str | Path,
+    validate: Weld | str | Path | None = None,
+    air: Weld | str | Path | None = None,
+    start: ModelParameters | None = None,
+    drive_lag_s: float | None = None,
+    steady: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Identified:
+    """Estimate the parameters of the process model from welds of one process.
+
+    Parameters
+    ----------
+    *welds : Weld, str or Path
+        Welds or their bags. What only the emulator knows is not used.
+    validate : Weld, str or Path, optional
+        Weld that validates the model and is not used for the estimate.
+    air : Weld, str or Path, optional
+        Run in air at several speeds, for the friction (23).
+    start : ModelParameters, optional
+        The paper's by default.
+    drive_lag_s : float, optional
+        Time constant of the drives, that of the emulator by default.
+    steady : bool
+        Take disturbances as constant: without drifts and shifts all that is slow is the process's.
+    progress : callable, optional
+        Called with the share done, 0 to 1.
+
+    Raises
+    ------
+    fsw_identification.errors.IdentificationError
+        When the welds do not suffice.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> weld = fsw.simulate("identify_closed_loop", plant={"model.thermal_gain_c_per_kw": 1.2})
+    >>> found = fsw.identify(weld)
+    >>> abs(found.parameters.thermal_gain_c_per_kw / (1.2 * 18.1) - 1.0) < 0.03
+    True
+    """
+    lag_s = specs()["actuators.lag_s"].default if drive_lag_s is None else drive_lag_s
+    data = [prepare(_weld(one).signals, lag_s) for one in welds]
+    checked = None if validate is None else prepare(_weld(validate).signals, lag_s)
+    return fit(data, checked, None if air is None else _weld(air), start or ModelParameters(), lag_s, steady, progress)
+
+
+def _weld(given: Weld | str | Path) -> Weld:
+    return given if isinstance(given, Weld) else read_bag(given)
+
+
+def fit(
+    welds: Sequence[WeldData],
+    checked: WeldData | None,
+    air: Weld | None,
+    start: ModelParameters,
+    drive_lag_s: float,
+    steady: bool,
+    progress: Callable[[float], None] | None = None,
+) -> Identified:
+    """Estimate from prepared data; see :func:`identify`."""
+    deviations: dict[str, float] = {}
+    if air is not None:
+        start, deviations = from_air(air.signals, start, drive_lag_s)
+    segments = [segment for weld in welds for segment in weld.segments]
+    found = estimation.identify(segments, start, progress, steady)
+    validation = None if checked is None else estimation.validate(checked.segments, found.parameters)
+    notes = tuple(note for weld in welds for note in weld.notes)
+    return Identified(", ".join(weld.name for weld in welds), found, validation, notes, deviations)

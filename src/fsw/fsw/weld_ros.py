@@ -1,0 +1,73 @@
+"""Sends goals of the action ``fsw/run_weld``, cancels them, and holds and resumes a programme."""
+
+from __future__ import annotations
+
+import argparse
+from math import degrees
+from typing import Any
+
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.executors import ExternalShutdownException
+from std_srvs.srv import Trigger
+
+from fsw.errors import CommandError
+from fsw.operator_node import LogLines, Operator, ask, domain_text, operator
+from fsw_control import units
+from fsw_msgs.action import RunWeld
+from fsw_scenario.scenario_file import load
+from fsw_scenario.weld_programme import State
+
+_ACTION = "fsw/run_weld"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry the command out; returns the exit code."""
+    if arguments.verb in ("hold", "resume"):
+        return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
+    if arguments.verb == "abort":
+        return _abort(arguments)
+    scenario = load(arguments.scenario, arguments.set)  # what is wrong in it is said before anything is sent
+    with operator(arguments.timeout, arguments.namespace) as node:
+        return _follow(node, RunWeld.Goal(scenario=scenario.text))
+
+
+def _abort(arguments: argparse.Namespace) -> int:
+    """Cancel whatever goal there is."""
+    with operator(arguments.timeout, arguments.namespace) as node:
+        answer = node.call(CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request())
+    if not answer.goals_canceling:
+        raise CommandError("refused: no weld is under way that could be aborted")
+    print("the weld is aborted; the safe stop is requested")
+    return 0
+
+
+def _follow(node: Operator, goal: Any) -> int:
+    """Send a goal and print its feedback until the result; exit code 1 for a weld that was not done."""
+    client = ActionClient(node.node, RunWeld, _ACTION)
+    logs = LogLines(node, "fsw_scenario", "goal rejected: ")
+    if not node.wait_until(client.server_is_ready):
+        full = node.node.resolve_topic_name(_ACTION)
+        raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
+    handle = node.answer(client.send_goal_async(goal, feedback_callback=_print_feedback), _ACTION)
+    if not handle.accepted:
+        raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
+    result = handle.get_result_async()
+    try:
+        node.wait_until(result.done, float("inf"))
+    except (KeyboardInterrupt, ExternalShutdownException):
+        raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
+    outcome = result.result().result
+    kpi = outcome.kpi
+    print(f"{outcome.verdict}: {outcome.message}")
+    print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
+    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
+    print(f"bag: {outcome.bag or 'none is recorded'}")
+    return 0 if outcome.verdict == State.DONE else 1
+
+
+def _print_feedback(message: Any) -> None:
+    now, kpi = message.feedback.progress, message.feedback.kpi
+    where = f"{now.phase} {degrees(now.angle):.1f} deg, {now.length:.3f} m, " if now.phase else ""
+    errors = f"IAE {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s"
+    print(f"{now.state}: {where}{now.time_left:.1f} s left, {errors}", flush=True)

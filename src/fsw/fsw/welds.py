@@ -1,0 +1,322 @@
+"""Welds for use in Python: simulated, read from bags, compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fsw_analysis import kpi, kpi_table
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.export import Column, export_weld, weld_table
+from fsw_analysis.signals import load_weld
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.contract import Controller
+from fsw_plant import PlantConfig, prepare
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import OURS, make, make_all, name_of, short
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load
+from fsw_schema.models import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+Progress = Callable[[float], None]
+
+
+class Weld:
+    """A weld, simulated or recorded: time series, figures of merit, figures.
+
+    Parameters
+    ----------
+    label : str
+        Its name in tables and legends.
+    signals : WeldSignals
+
+    Attributes
+    ----------
+    table : dict of str to (n,) array
+        All signals by name, a row per tick of 0.1 s, in the paper's units: mm, degC, kN, rpm, N m, kW, s. Names that
+        begin with ``truth_`` are the noise-free process (simulations only).
+    kpi : dict
+        Figures of merit, see :func:`fsw_analysis.kpi.compute`.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> weld = fsw.simulate("quick")
+    >>> weld["depth_mm"].shape
+    (600,)
+    >>> sorted(name for name in weld.table if name.startswith("reference"))
+    ['reference_depth_mm', 'reference_temperature_c']
+    """
+
+    def __init__(self, label: str, signals: WeldSignals) -> None:
+        self.label = label
+        self.signals = signals
+
+    def __repr__(self) -> str:
+        return f"<Weld {self.label}: {self.signals.n_ticks} ticks, {self.signals.duration_s:.1f} s>"
+
+    def __getitem__(self, name: str) -> Column:
+        """A signal by name; KeyError where there is none."""
+        return self.table[name]
+
+    @cached_property
+    def table(self) -> dict[str, Column]:
+        return weld_table(self.signals)
+
+    @cached_property
+    def kpi(self) -> dict[str, Any]:
+        return kpi.compute(self.signals, self.label)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """All signals as columns over the time in s; ImportError without pandas.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> frame = fsw.simulate("quick").to_pandas()
+        >>> frame.index.name, len(frame)
+        ('time_s', 600)
+        """
+        import pandas
+
+        return pandas.DataFrame(self.table).set_index("time_s")
+
+    def to_xarray(self) -> xr.Dataset:
+        """All signals over the coordinate ``time_s``, with their units as attributes; ImportError without xarray.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> fsw.simulate("quick").to_xarray()["depth_mm"].attrs
+        {'units': 'mm'}
+        """
+        import xarray
+
+        columns = {name: values for name, values in self.table.items() if name != "time_s"}
+        found = xarray.Dataset(
+            {name: ("time_s", values) for name, values in columns.items()}, {"time_s": self.table["time_s"]}
+        )
+        for name in found.data_vars:
+            if unit := _UNITS.get(str(name).rpartition("_")[2]):
+                found[name].attrs["units"] = unit
+        return found
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write all signals as a table; fsw_recorder.errors.BagError where that is not possible."""
+        export_weld(self.signals, Path(path))
+
+    def plot(self, number: int | None = None) -> Figure:
+        """Draw an overview, or a figure as the paper's 4 to 9.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> len(fsw.simulate("quick").plot().axes)
+        6
+        """
+        return _figure([self], number)
+
+
+class Comparison(dict[str, Weld]):
+    """Welds by label, to be compared.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> both = fsw.compare("quick", ["decentral:tight", "nmpc"])
+    >>> list(both)
+    ['decentral:tight', 'nmpc']
+    >>> both["nmpc"].kpi["iae_depth_mm_s"] < both["decentral:tight"].kpi["iae_depth_mm_s"]
+    True
+    """
+
+    @property
+    def kpi(self) -> list[dict[str, Any]]:
+        """Figures of merit of each."""
+        return [weld.kpi for weld in self.values()]
+
+    def __str__(self) -> str:
+        """Table in Markdown with a column per weld."""
+        return kpi_table.markdown(self.kpi)
+
+    _repr_markdown_ = __str__
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Figures of merit, a row per weld; ImportError without pandas."""
+        import pandas
+
+        flat = [{key: value for key, value in one.items() if not isinstance(value, list)} for one in self.kpi]
+        return pandas.DataFrame(flat).set_index("label")
+
+    def plot(self, number: int | None = None) -> Figure:
+        """Draw all into one overview, or one figure as the paper's 4 to 9."""
+        return _figure(list(self.values()), number)
+
+
+#: units by the end of a signal's name
+_UNITS = {
+    "mm": "mm",
+    "c": "degC",
+    "kn": "kN",
+    "rpm": "rpm",
+    "nm": "N m",
+    "kw": "kW",
+    "s": "s",
+    "ns": "ns",
+    "deg": "deg",
+}
+
+
+def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
+    from fsw_analysis.figures import Run, page  # matplotlib takes a second to import
+
+    return page([Run(weld.label, weld.signals) for weld in welds], number)
+
+
+def simulate(
+    scenario: str | Path,
+    controller: str | Controller | None = None,
+    *,
+    plant: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] | None = None,
+    noise: bool | None = None,
+    progress: Progress | None = None,
+) -> Weld:
+    """Weld a scenario in this process: emulated plant and controllers, at full speed.
+
+    Parameters
+    ----------
+    scenario : str or Path
+        Name of a shipped scenario, e.g. ``reference_tracking``, or a YAML file.
+    controller : str or Controller, optional
+        Name, also with a variant, e.g. ``nmpc:paper``; ``MODULE:CLASS``, ``FILE.py:CLASS``, or an object of your own
+        class. The scenario's by default.
+    plant : mapping of str to value, optional
+        Parameters of the plant, e.g. ``{"seed": 3, "model.thermal_gain_c_per_kw": 1.2}``.
+    parameters : mapping of str to value, optional
+        Parameters of the controller's node.
+    changes : mapping of str to value, optional
+        Other values of the scenario by path, e.g. ``{"events[0].at_s": 10}``.
+    noise : bool, optional
+        Whether sensors have noise and resolution.
+    progress : callable, optional
+        Called with the share done, 0 to 1.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        When something of this is not there or out of range.
+    fsw_model.OperatingPointError
+        When the plant has no equilibrium to start from.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> weld = fsw.simulate("quick", controller="nmpc:default", plant={"seed": 3}, noise=False)
+    >>> weld
+    <Weld nmpc:default: 600 ticks, 59.9 s>
+    >>> round(float(weld["truth_depth_mm"][-1]), 2)
+    2.76
+    """
+    own = {} if parameters is None or not isinstance(controller, str) else {name_of(controller): parameters}
+    if parameters and not own:
+        raise InputError("simulate: parameters are for a controller that is given by its name")
+    label, loop = closed_loop(scenario, controller, _overrides(plant, changes, noise), own)
+    return Weld(label, loop.run(progress))
+
+
+def _overrides(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+    values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
+    if noise is not None:
+        values["plant.noise"] = noise
+    return [f"{name}={json.dumps(value)}" for name, value in values.items()]
+
+
+def overridden(
+    scenario: str | Path,
+    plant: Mapping[str, Any] | None = None,
+    changes: Mapping[str, Any] | None = None,
+    noise: bool | None = None,
+) -> Scenario:
+    """A scenario with other values, see :func:`simulate`."""
+    return load(scenario, _overrides(plant, changes, noise))
+
+
+def closed_loop(
+    source: str | Path,
+    controller: str | Controller | None,
+    overrides: Sequence[str] = (),
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    heating: Progress | None = None,
+) -> tuple[str, ClosedLoop]:
+    """Label of a weld, and what runs it; see :func:`simulate`.
+
+    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name of the controller;
+    ``heating`` gets the progress of what is computed once for a canister.
+    """
+    scenario = load(source, overrides)
+    if scenario.open_loop and controller is not None:
+        raise InputError(f"simulate: {scenario.name} is an open-loop scenario; it takes no controller")
+    own = None if controller is None or isinstance(controller, str) else controller
+    name = scenario.controller if controller is None else own.name if own else name_of(str(controller))
+    if controller is not None:
+        scenario = load(source, [*overrides, f"controller={name}"])
+    prepare(PlantConfig.from_values(scenario.plant), (lambda share, _: heating(share)) if heating else None)
+    if own is not None:
+        return own.name, ClosedLoop(
+            scenario, {one: own if one == own.name else make(one) for one in scenario.controllers}
+        )
+    label = name if controller is None else str(controller)
+    controllers = {} if scenario.open_loop else make_all(scenario, label, parameters or {})
+    return "open loop" if scenario.open_loop else short(label), ClosedLoop(scenario, controllers)
+
+
+def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any) -> Comparison:
+    """Weld a scenario with each of several controllers; ``options`` are those of :func:`simulate`.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> print(fsw.compare("quick", ["decentral", "decentral:tight"]))  # doctest: +ELLIPSIS
+    |                       ...| unit ...| decentral | decentral:tight | difference |
+    ...
+    """
+    welds = [simulate(scenario, controller, **options) for controller in controllers]
+    return Comparison({weld.label: weld for weld in welds})
+
+
+def read_bag(bag: str | Path, label: str | None = None, progress: Progress | None = None) -> Weld:
+    """A recorded weld, cut to the length of its scenario. Problems of the bag are in ``signals.problems``.
+
+    Parameters
+    ----------
+    bag : str or Path
+        Folder or file (MCAP, sqlite3; intact, truncated or damaged).
+    label : str, optional
+        The folder's name by default.
+    progress : callable, optional
+        Called with the share read, 0 to 1.
+
+    Raises
+    ------
+    fsw_recorder.errors.BagError
+        When nothing can be read.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> fsw.read_bag("no_such_bag")
+    Traceback (most recent call last):
+    fsw_recorder.errors.BagError: no_such_bag: not found
+    """
+    signals = cut_to_scenario(load_weld(Path(bag), progress))
+    return Weld(label or signals.path.name, signals)

@@ -1,0 +1,142 @@
+"""``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
+
+import csv
+import doctest
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from runpy import run_path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import fsw
+from fsw.main import main
+from fsw_schema.models import InputError
+
+EXAMPLES = [
+    test
+    for name in sorted(set(fsw._PLACE.values()) - {"fsw_control.contract"})
+    for test in doctest.DocTestFinder().find(import_module(name))
+    if test.examples
+]
+#: modules that some examples need, which are extras
+NEEDED = {"to_pandas": "pandas", "to_xarray": "xarray", "linearise": "control", "to_do_mpc": "do_mpc"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
+def test_the_examples_in_the_docstrings(example):
+    pytest.importorskip(NEEDED.get(example.name.rpartition(".")[2], "fsw"))
+    runner = doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL)
+    said = []
+    runner.run(example, out=said.append)
+    assert runner.failures == 0, "".join(said)
+
+
+def test_every_public_name_has_an_example():
+    shown = {example.name for example in EXAMPLES}
+    for name, place in fsw._PLACE.items():
+        if place != "fsw_control.contract" and name != "Identified":  # which identify makes
+            assert f"{place}.{name}" in shown
+
+
+def test_import_loads_next_to_nothing():
+    code = "import sys, fsw; print(sorted({'numpy', 'casadi', 'matplotlib', 'rclpy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_a_simulation_is_that_of_the_command_line(tmp_path):
+    out = tmp_path / "out"
+    assert main(["simulate", "quick", "--controller", "decentral:tight", "--out", str(out), "--no-figures"]) == 0
+    with (out / "signals_decentral_tight.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    weld = fsw.simulate("quick", "decentral:tight")
+    assert [float(row["truth_depth_mm"]) for row in rows] == weld["truth_depth_mm"].tolist()
+
+
+def test_plant_parameters_and_changes_arrive():
+    weld = fsw.simulate("quick", plant={"start.depth_mm": 2.7}, changes={"events[0].at_s": 1.0}, noise=False)
+    assert weld["depth_mm"][0] == pytest.approx(2.7)
+    assert weld["reference_depth_mm"][10] == 2.76
+    tight = fsw.simulate("quick", "decentral", parameters={"tuning": "tight"})
+    assert tight.kpi["iae_depth_mm_s"] < fsw.simulate("quick").kpi["iae_depth_mm_s"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "options", "words"),
+    [
+        ("nowhere", {}, "nowhere"),
+        ("quick", {"controller": "nobody"}, "nobody"),
+        ("quick", {"plant": {"no_such": 1.0}}, "no_such"),
+        ("quick", {"parameters": {"tuning": "tight"}}, "by its name"),
+        ("open_loop_force_steps", {"controller": "nmpc"}, "open-loop"),
+    ],
+)
+def test_wrong_arguments_are_named(scenario, options, words):
+    with pytest.raises(InputError, match=words):
+        fsw.simulate(scenario, **options)
+
+
+def test_a_controller_without_command_leads_to_a_hold():
+    class Nothing(fsw.Controller):
+        name = "nothing"
+
+    weld = fsw.simulate("quick", Nothing())
+    assert set(weld["command_source"]) == {"hold"}
+    assert "needs a method 'command'" in weld["nothing_proposal_reason"][0]
+
+
+def test_discrete_form_follows_the_process():
+    model = fsw.model(thermal_gain_c_per_kw=1.1, dead_time_s=0.3)
+    force, speed = 78.4 + np.r_[np.ones(20), np.zeros(40)], 407.0 + np.r_[np.zeros(30), 5.0 * np.ones(30)]
+    course, x = model.process.simulate(force, speed), model.state()
+    for i in range(60):
+        x, y = model.discrete(x, [force[i], speed[i]])
+        shown = [course[name][i] for name in ("depth_mm", "temperature_c", "motor_torque_nm")]
+        assert y.full().ravel() == pytest.approx(shown, rel=1e-12)
+
+
+def test_linearisations_have_the_frequency_response_of_the_process():
+    control = pytest.importorskip("control")
+    model = fsw.model()
+    omega = np.array([0.003, 0.03, 0.3])
+    exact = model.process.linearise().frequency_response(omega)
+    pade = model.linearise(order=6)
+    assert np.moveaxis(control.frequency_response(pade, omega).frdata, 2, 0) == pytest.approx(exact, rel=1e-4)
+    tick = model.linearise(delay="exact")
+    held = np.sinc(omega * 0.05 / np.pi) * np.exp(-0.05j * omega)  # an input that is held for a tick
+    sampled = np.moveaxis(control.frequency_response(tick, omega).frdata, 2, 0)
+    assert sampled == pytest.approx(exact * held[:, None, None], rel=2e-3)
+
+
+def test_do_mpc_steps_the_same_process():
+    do_mpc = pytest.importorskip("do_mpc")
+    model = fsw.model()
+    simulator = do_mpc.simulator.Simulator(model.to_do_mpc())
+    simulator.set_param(t_step=0.1)
+    simulator.setup()
+    simulator.x0 = x = model.state()
+    for _ in range(3):
+        simulator.make_step(np.array([[79.4], [410.0]]))
+        x, _ = model.discrete(x, [79.4, 410.0])
+    assert np.array(simulator.x0.cat).ravel() == pytest.approx(x.full().ravel())
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_the_example_with_do_mpc_moves_to_the_set_point():
+    pytest.importorskip("do_mpc")
+    example = run_path(str(Path(__file__).resolve().parents[3] / "examples" / "do_mpc_loop.py"))
+    assert 2.7 < example["main"](12) < 2.77
+    made, start = example["acados_model"](), fsw.model().state()
+    step = ca.Function("step", [made["x"], made["u"]], [made["disc_dyn_expr"]])
+    assert step(start, [78.4, 407.576]).full().ravel() == pytest.approx(start, abs=1e-4)
+
+
+def test_an_equation_that_is_not_there_is_named():
+    with pytest.raises(InputError, match="equation 3: there are 8, 16"):
+        fsw.model().equation(3)
+    assert float(fsw.model().equation(27)([0, 0, 0], [0, 0])) == pytest.approx(2.66)

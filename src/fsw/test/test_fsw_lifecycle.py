@@ -1,0 +1,52 @@
+"""fsw.py lifecycle against a managed node that is spun in a thread."""
+
+import threading
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from fsw.main import main
+from fsw_control.managed_node_ros import ManagedNode
+
+pytestmark = pytest.mark.slow
+
+
+class Welder(ManagedNode):
+    def activate(self):
+        raise ValueError("no tool")
+
+
+@pytest.fixture
+def welder(domain_id):
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain_id)
+    node, executor = Welder("welder", namespace="cell", context=context), SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    yield node
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
+    def fsw(*words):
+        code = main(["lifecycle", *words, "--namespace", "cell", "--timeout", "60"])
+        printed, error = capsys.readouterr()
+        return code, printed, "".join(error.splitlines(keepends=True)[-1:])  # without the node's log
+
+    assert fsw("list")[1].split() == ["node", "state", "welder", "unconfigured"]
+    assert fsw("get", "welder") == (0, "welder: unconfigured\n", "")
+    assert fsw("set", "welder", "configure") == (0, "welder: inactive\n", "")
+    assert fsw("set", "welder", "activate") == (1, "", "error: cannot activate: no tool\n")
+    code, _, error = fsw("set", "welder", "configure")
+    assert (code, error) == (
+        1,
+        "error: welder is inactive and has no transition configure now; has cleanup, activate, shutdown\n",
+    )
+    assert [line.split()[0] for line in fsw("list", "welder")[1].splitlines()] == ["cleanup", "activate", "shutdown"]
+    assert fsw("set", "welder", "shutdown") == (0, "welder: finalized\n", "")

@@ -1,0 +1,89 @@
+"""fsw.py weld: a goal followed, refused, left and aborted."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from fsw.main import main
+from fsw_test_support.player_graph import PlayerGraph
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
+SHORT = {"name": "short", "duration_s": 2.0, "events": [{"at_s": 1.0, "reference": {"depth_mm": 2.86}}]}
+
+
+class Cell(PlayerGraph):
+    """A player that waits for goals, and the command in a process of its own."""
+
+    def __init__(self):
+        super().__init__("")
+        self.commands = []
+
+    def weld(self, *words):
+        command = [sys.executable, "-m", "fsw.main", "weld", *map(str, words), "--timeout", "60"]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+        self.commands.append(subprocess.Popen(command, **pipes))
+        return self.commands[-1]
+
+    def end_of(self, command):
+        self.until(lambda: command.poll() is not None, "the command's end")
+        return command.returncode, *command.communicate()
+
+
+@pytest.fixture
+def cell():
+    one = Cell()
+    yield one
+    for command in one.commands:
+        command.kill()
+        command.communicate()
+    one.end()
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "short.yaml"
+    path.write_text(json.dumps(SHORT))
+    return path
+
+
+def test_a_weld_is_followed_to_its_result(cell, file):
+    command = cell.weld("run", file, "--set", "events[0].reference.depth_mm=2.76")
+    cell.until(lambda: cell.player.weld is not None and cell.player.weld._listening and cell.listens(), "the weld")
+    for number in range(1, 21):
+        cell.number = number
+        cell.depth(number)
+        cell.until(lambda: cell.player.weld is None or cell.player.weld._tick >= cell.number)
+    code, printed, error = cell.end_of(command)
+    assert (code, error) == (0, "")
+    lines = printed.splitlines()
+    assert lines[0].startswith("running: 1.0 s left, IAE ")
+    assert lines[-4:] == [
+        "done: short is over after 2 s",
+        "IAE: 0.11 mm s, 0 degC s",
+        "largest error: 0.1 mm, 0 degC",
+        "bag: none is recorded",
+    ]
+
+
+def test_one_at_a_time_left_by_its_client_and_aborted(cell, file):
+    first = cell.weld("run", file)
+    cell.until(lambda: cell.player.weld is not None and cell.player.weld._listening, "the weld")
+    code, _, error = cell.end_of(cell.weld("run", file))
+    assert (code, error.startswith("error: goal rejected: short is under way (running at ")) == (1, True), error
+    first.send_signal(signal.SIGINT)
+    code, _, error = cell.end_of(first)
+    assert code == 130 and "the weld goes on" in error
+    assert cell.player.weld is not None
+    code, printed, _ = cell.end_of(cell.weld("abort"))
+    assert (code, printed) == (0, "the weld is aborted; the safe stop is requested\n")
+    assert "no weld is under way" in cell.end_of(cell.weld("abort"))[2]
+
+
+def test_a_wrong_scenario_is_refused_before_anything_is_sent(file, capsys):
+    assert main(["weld", "run", str(file), "--set", "duration_s=-1"]) == 1
+    assert "duration_s = -1" in capsys.readouterr().err

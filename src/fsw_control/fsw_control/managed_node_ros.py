@@ -1,0 +1,139 @@
+"""Managed nodes (ROS 2 lifecycle): what a transition makes, its opposite destroys; a refusal says why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+
+#: how a node's entities are listed, and by what they are destroyed
+_ENTITIES = {
+    "timers": "destroy_timer",
+    "subscriptions": "destroy_subscription",
+    "services": "destroy_service",
+    "clients": "destroy_client",
+    "guards": "destroy_guard_condition",
+    "publishers": "destroy_publisher",
+}
+
+
+class ManagedNode(LifecycleNode):
+    """Base of managed nodes. A subclass overrides what happens in its transitions and refuses one by an exception.
+
+    Publishers, subscriptions, services, clients and timers that are made in :meth:`configure` or :meth:`activate` are
+    destroyed with the transition back.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.is_configured = self.is_active = False
+        self._refusal: Exception | None = None
+        self._starting = False
+        self._kept: list[list[Any]] = []
+
+    def start(self) -> None:
+        """Configure and activate; raises the exception by which the subclass refuses, and destroys the node then."""
+        self._starting = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            self._refusal = None
+            trigger()
+            if self._refusal is not None:
+                self.destroy_node()
+                try:
+                    raise self._refusal
+                finally:
+                    self._refusal = None  # its traceback would keep the node
+        self._starting = False
+
+    # to be overridden
+
+    def configure(self) -> None:
+        """Check everything that the node needs, and make what it has while it is inactive."""
+
+    def activate(self) -> None:
+        """Begin."""
+
+    def deactivate(self) -> None:
+        """Stop, and leave everything safe."""
+
+    def cleanup(self) -> None:
+        """Forget what was configured."""
+
+    # the transitions
+
+    def on_configure(self, state: LifecycleState) -> Result:
+        """Configure."""
+        self.is_configured = self._attempt("configure", self.configure)
+        return self._result(self.is_configured)
+
+    def on_activate(self, state: LifecycleState) -> Result:
+        """Activate."""
+        self.is_active = self._attempt("activate", self.activate)
+        return self._result(self.is_active)
+
+    def on_deactivate(self, state: LifecycleState) -> Result:
+        """Deactivate."""
+        self._leave_active()
+        return Result.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> Result:
+        """Clean up."""
+        self._leave_inactive()
+        return Result.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> Result:
+        """Deactivate and clean up, as far as there is something."""
+        self._leave_active()
+        self._leave_inactive()
+        return Result.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> Result:
+        """As a shutdown, but the node may be configured again."""
+        return self.on_shutdown(state)
+
+    def _leave_active(self) -> None:
+        if self.is_active:
+            self.is_active = False
+            self._undo("deactivate", self.deactivate)
+
+    def _leave_inactive(self) -> None:
+        if self.is_configured:
+            self.is_configured = False
+            self._undo("clean up", self.cleanup)
+
+    def _attempt(self, what: str, action: Callable[[], object]) -> bool:
+        """Carry out a transition; False, and nothing is left of it, if it is refused."""
+        self._kept.append(self._entities())
+        try:
+            action()
+        except Exception as error:
+            self._refusal = error
+            if not self._starting:  # else the caller gets it
+                self.get_logger().error(f"cannot {what}: {' '.join(str(error).split()) or type(error).__name__}")
+            self._destroy_new()
+            return False
+        return True
+
+    def _undo(self, what: str, action: Callable[[], object]) -> None:
+        """Carry out a transition back, which nothing may prevent."""
+        try:
+            action()
+        except Exception as error:
+            self.get_logger().error(f"{what}: {' '.join(str(error).split()) or type(error).__name__}")
+        self._destroy_new()
+
+    @staticmethod
+    def _result(done: bool) -> Result:
+        return Result.SUCCESS if done else Result.FAILURE
+
+    def _entities(self) -> list[Any]:
+        return [entity for listed in _ENTITIES for entity in getattr(self, listed)]
+
+    def _destroy_new(self) -> None:
+        """Destroy what was made since the transition began that is left now."""
+        kept = {id(entity) for entity in self._kept.pop()}
+        for listed, destroy in _ENTITIES.items():
+            for entity in [one for one in getattr(self, listed) if id(one) not in kept]:
+                getattr(self, destroy)(entity)

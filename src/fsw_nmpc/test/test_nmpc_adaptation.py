@@ -1,0 +1,106 @@
+"""The preset adaptive finds gain and delay of the power while it moves, and nothing else."""
+
+import numpy as np
+import pytest
+
+from fsw_control import Reference
+from fsw_model import ProcessModel, nominal
+from fsw_nmpc import NmpcController
+from fsw_nmpc.library import State
+from fsw_test_support.nmpc_loop import TARGET, Loop
+
+P = nominal()
+GAIN, DELAY = State.THERMAL_GAIN, State.DELAY
+NOISE = (2e-3, 2.0, 0.1)
+HOTTER = Reference(2.66, 826.4)
+
+
+class Welding(Loop):
+    """A loop with sensor noise, and what its estimator has found."""
+
+    def __init__(self, preset="adaptive", noise=True, **factors):
+        super().__init__(NmpcController({"preset": preset}), ProcessModel(P.scaled(**factors)))
+        self.rng = np.random.default_rng(5) if noise else None
+        self.found, self.applied_rpm = [], []
+
+    def run(self, seconds, reference=TARGET, **changes):
+        for _ in range(round(10 * seconds)):
+            shown = self.measure()
+            values = np.array([shown.depth_mm, shown.torque_nm, shown.temperature_c])
+            if self.rng is not None:
+                values = values + self.rng.normal(0.0, NOISE)
+            own = dict(zip(("depth_mm", "torque_nm", "temperature_c"), map(float, values), strict=True))
+            self.step(reference, **(own | changes))
+            x = self.controller.library.state.estimator.x
+            self.found.append((x[GAIN], x[DELAY]))
+            self.applied_rpm.append(self.applied.speed_rpm)
+        return self.found[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factors", "gain", "delay_s"),
+    [
+        ({"thermal_gain_c_per_kw": 1.3, "copper_lag_s": 0.8}, 1.3 / 0.8, 0.0),
+        ({"thermal_gain_c_per_kw": 0.75, "copper_lag_s": 1.3}, 0.75 / 1.3, 0.0),
+        ({"dead_time_s": 1.8 / 2.8}, 1.0, -1.0),
+        ({"dead_time_s": 3.6 / 2.8, "thermal_gain_c_per_kw": 1.3}, 1.3, 0.8),
+        ({}, 1.0, 0.0),
+    ],
+)
+def test_steps_of_the_temperature_tell_gain_and_delay(factors, gain, delay_s):
+    """The gain is that of the first seconds: settled gain over lag."""
+    loop = Welding(**factors)
+    for reference in (TARGET, HOTTER, TARGET):
+        found = loop.run(30, reference)
+    assert found[0] == pytest.approx(gain, rel=0.12)
+    assert found[1] == pytest.approx(delay_s, abs=0.35)
+
+
+@pytest.mark.slow
+def test_knowing_them_makes_the_next_step_better():
+    def error(preset):
+        loop = Welding(preset, noise=False, thermal_gain_c_per_kw=1.3, copper_lag_s=0.8, dead_time_s=3.6 / 2.8)
+        loop.run(60, HOTTER)
+        off = 0.0
+        for _ in range(400):
+            loop.run(0.1)
+            off += 0.1 * abs(loop.shown.temperature_c - TARGET.temperature_c)
+        return off
+
+    assert error("adaptive") < 0.8 * error("default")
+
+
+@pytest.mark.slow
+def test_at_rest_nothing_is_learnt_from_noise():
+    loop = Welding(thermal_gain_c_per_kw=1.3)
+    assert loop.run(60) == (1.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [{"temperature_c": 816.4, "held": ("thermocouple",)}, {"temperature_valid": False}])
+def test_nothing_is_learnt_while_the_thermocouple_is_held(held):
+    loop = Welding(noise=False, thermal_gain_c_per_kw=1.4)
+    loop.run(5)
+    loop.run(4, HOTTER)
+    before = loop.found[-1]
+    assert before != (1.0, 0.0)
+    assert loop.run(2, HOTTER, **held) == before
+
+
+@pytest.mark.slow
+def test_what_is_learnt_moves_slowly_and_within_bounds():
+    """On a process beyond the bounds, with wild temperatures: 1 % of the gain in a tick, and the drives never jump."""
+    loop = Welding(thermal_gain_c_per_kw=2.6)
+    for k in range(12):
+        loop.run(5, HOTTER if k % 2 else TARGET)
+    found = np.array(loop.found)
+    assert np.abs(np.diff(found[:, 0])).max() <= 0.01 + 1e-12
+    assert found[:, 0].min() >= 0.5 and found[:, 0].max() == pytest.approx(2.0, abs=0.15)
+    assert np.abs(found[:, 1]).max() <= 1.0
+    assert np.abs(np.diff(loop.applied_rpm)).max() <= 3.0 + 1e-9
+
+
+def test_other_presets_learn_nothing():
+    loop = Welding("default", noise=False, thermal_gain_c_per_kw=1.4)
+    assert loop.run(15, HOTTER) == (1.0, 0.0)

@@ -1,0 +1,61 @@
+"""Plants side by side are single ones, number for number."""
+
+import numpy as np
+import pytest
+
+from fsw_control import Command, Limits
+from fsw_plant import PlantConfig, PlantEmulator
+from fsw_plant.batch import CHANNELS, PlantBatch
+
+N_TICKS = 1040  # more than one block of random numbers
+
+
+def commands(k):
+    """Steps that meet the bounds and the rates."""
+    ticks = np.arange(N_TICKS)
+    force = 78.4 + 1.2 * np.sin(0.11 * ticks + k) + np.where(ticks % 200 < 3, 30.0 * (-1) ** k, 0.0)
+    return np.stack([force, 407.6 + 60.0 * np.sin(0.031 * ticks + 2 * k)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2}],
+    ids=["default", "dead times"],
+)
+def test_each_is_a_single_plant(settings):
+    disturbances = np.zeros((N_TICKS + 2, len(CHANNELS)))
+    disturbances[50:, 0], disturbances[300:, 2], disturbances[100:400, 3] = 0.05, 12.0, 0.4
+    batch = PlantBatch(PlantConfig.from_values(settings), 3, disturbances)
+    batch.reset(np.arange(3), np.array([7, 8, 9]))
+    singles = [PlantEmulator(PlantConfig.from_values({**settings, "seed": seed})) for seed in (7, 8, 9)]
+    for tick in range(1, N_TICKS + 1):
+        shown = batch.measure()
+        for k, single in enumerate(singles):
+            if tick == 50:
+                single.set_disturbance("depth", "step", 0.05)
+            reading = single.measure()
+            given = [reading.depth_mm[0].value, reading.torque_nm[0].value, reading.temperature_c[0].value]
+            assert shown[:, k] == pytest.approx(given, rel=1e-13)
+            assert batch.acting[:, k] == pytest.approx(tuple(reading.drives), rel=1e-13)
+            truth = single.truth()
+            depth, temperature = batch.truth()
+            assert (depth[k], temperature[k]) == pytest.approx((truth.depth_mm, truth.temperature_c), rel=1e-13)
+            if tick in (100, 400):
+                single.set_disturbance("axial_force", "step" if tick == 100 else "none", 0.4)
+            if tick == 300:
+                single.set_disturbance("torque", "step", 12.0)
+            single.apply(Limits().clip(Command(*commands(k)[:, tick - 1]), None))
+            single.step()
+        batch.step(np.stack([commands(k)[:, tick - 1] for k in range(3)], axis=1))
+
+
+def test_one_that_leaves_the_copper_stands_still_and_can_begin_again():
+    batch = PlantBatch(PlantConfig.from_values({"start.depth_mm": 1.0}), 2, np.zeros((2000, 5)))
+    for _ in range(1000):
+        batch.step(np.array([[60.0, 78.4], [407.0, 407.576]]))
+    assert batch.stopped.tolist() == [True, False]
+    assert np.isfinite(batch.measure()).all()
+    batch.reset(np.array([0]), np.array([1]))
+    assert not batch.stopped[0] and batch.tick.tolist() == [1, 1001]
+    assert batch.truth()[0][0] == pytest.approx(1.0)

@@ -1,0 +1,195 @@
+"""The action fsw/run_weld: goals, feedback, cancellation and results of a player that waits for them."""
+
+import json
+
+import pytest
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import Log
+from rclpy.action import ActionClient
+
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_msgs.action import RunWeld
+from fsw_msgs.msg import SupervisorState
+from fsw_msgs.srv import SetDisturbance, SetMode
+from fsw_test_support.player_graph import PlayerGraph
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
+SHORT = {
+    "name": "short",
+    "duration_s": 3.0,
+    "events": [
+        {"at_s": 1.0, "reference": {"depth_mm": 2.86}},
+        {"at_s": 2.0, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}},
+    ],
+}
+LONG = {"name": "long", "phases": [{"name": "dwell", "duration_s": 60.0}]}
+
+
+class Caller(PlayerGraph):
+    """A client of a player that waits for goals, beside an emulated plant that takes disturbances."""
+
+    def __init__(self, *parameters):
+        super().__init__("", *parameters)
+        self.asked, self.feedback, self.logs = [], [], []
+        self.peer.create_service(SetDisturbance, "fsw/plant/set_disturbance", self.on_disturbance)
+        self.states = self.peer.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
+        self.reports = self.peer.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self.peer.create_subscription(Log, "/rosout", self.logs.append, LATCHED)
+        self.client = ActionClient(self.peer, RunWeld, "fsw/run_weld")
+        self.until(self.client.server_is_ready, "the action")
+        self.until(lambda: self.reports.get_subscription_count(), "the player to listen to diagnostics")
+
+    def on_disturbance(self, request, response):
+        self.asked.append((self.weld._tick, request.channel, round(request.amplitude, 9)))
+        response.ok = True
+        return response
+
+    def send(self, content, overrides=()):
+        text = content if isinstance(content, str) else json.dumps(content)
+        goal = RunWeld.Goal(scenario=text, overrides=list(overrides))
+        future = self.client.send_goal_async(goal, feedback_callback=lambda one: self.feedback.append(one.feedback))
+        self.until(future.done, "the answer to the goal")
+        return future.result()
+
+    def begin(self, content, overrides=()):
+        handle = self.send(content, overrides)
+        assert handle.accepted, self.logs
+        self.until(lambda: self.weld._listening and self.listens(), "the beginning")
+        self.before = self.number
+        return handle
+
+    def result(self, handle):
+        future = handle.get_result_async()
+        self.until(future.done, "the result")
+        return future.result()
+
+    def rejection(self, content):
+        assert not self.send(content).accepted
+
+        def reasons():
+            return [one.msg for one in self.logs if one.msg.startswith("goal rejected: ")]
+
+        self.until(reasons, "the reason")
+        return reasons()[-1]
+
+    def supervisor_answers(self):
+        def on_mode(request, response):
+            response.ok, response.message = True, f"the mode is {request.mode}"
+            return response
+
+        self.peer.create_service(SetMode, "fsw/set_mode", on_mode)
+
+
+@pytest.fixture
+def caller():
+    one = Caller()
+    yield one
+    one.end()
+
+
+def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
+    pair = KeyValue(key="bag", value="out/weld_7")
+    caller.reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="fsw_recorder: recording", values=[pair])]))
+    caller.until(lambda: caller.player._bag)
+    for _ in range(2):
+        caller.asked.clear()
+        handle = caller.begin(SHORT, ["events[0].reference.depth_mm=2.76"])
+        for _ in range(29):
+            caller.tick()
+        caller.number += 1
+        caller.depth(caller.number)
+        answer = caller.result(handle)
+        assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_SUCCEEDED, "done")
+        assert answer.result.bag == "out/weld_7"
+        # the depth shown is 2.66 mm throughout; the set-point is 2.76 mm from the tenth tick on
+        assert answer.result.kpi.depth_max_error == pytest.approx(0.1e-3)
+        assert answer.result.kpi.depth_iae == pytest.approx(2.1 * 0.1e-3)
+        [(tick, *what)] = caller.asked
+        assert (tick >= 19, what) == (True, ["depth", 0.1e-3])  # what is asked for begins with the next tick
+        assert caller.weld is None
+        caller.until(lambda: caller.peer.count_publishers("fsw/reference") == 1, "its publishers' end")
+        caller.until(lambda: not any(one.get_subscription_count() for one in caller.sensors), "its subscriptions' end")
+    assert caller.feedback[-1].progress.state == "done"
+    assert caller.feedback[0].progress.time_left == pytest.approx(2.0)
+
+
+def test_one_weld_at_a_time_and_a_second_goal_gets_the_reason(caller):
+    caller.begin(LONG)
+    caller.tick()
+    assert caller.rejection(SHORT).startswith("goal rejected: long is under way (running in phase dwell at 0.0 deg)")
+    caller.tick()
+    assert not caller.weld.finished
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("", "scenario is empty"),
+        ("no_such_scenario", "no_such_scenario"),
+        ("{name: short, duration_s: -1}", "duration_s = -1"),
+        ("{name: [", "not valid YAML"),
+        ("open_loop_force_steps", "must be started with it"),
+        ("canister_weld_heat", "must be started with it"),
+    ],
+)
+def test_wrong_goals_are_rejected_with_the_reason(caller, content, reason):
+    assert reason in caller.rejection(content)
+    assert caller.weld is None
+
+
+def test_disturbances_need_the_emulated_plant(domain_id):
+    caller = Caller()
+    [service] = [one for one in caller.peer.services if one.srv_name.endswith("set_disturbance")]
+    caller.peer.destroy_service(service)
+    caller.until(lambda: not any("set_disturbance" in name for name, _ in caller.player.get_service_names_and_types()))
+    assert "need the emulated plant" in caller.rejection(SHORT)
+    caller.end()
+
+
+@pytest.mark.parametrize("content", [LONG, SHORT], ids=["programme", "scenario"])
+def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_follow(caller, content):
+    handle = caller.begin(content)
+    caller.tick()
+    cancelled = handle.cancel_goal_async()
+    caller.until(cancelled.done, "the answer to the cancellation")
+    assert len(cancelled.result().goals_canceling) == 1
+    caller.tick()
+    caller.until(lambda: handle.status == GoalStatus.STATUS_CANCELING, "the status")
+    again = handle.cancel_goal_async()
+    caller.until(again.done, "the answer to the second cancellation")
+    assert not again.result().goals_canceling
+    caller.supervisor_answers()
+    answer = caller.result(handle)
+    assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_CANCELED, "aborted")
+    assert answer.result.message.endswith("the mode is safe_stop")
+    caller.begin(content)
+
+
+@pytest.mark.parametrize("content", [LONG, SHORT], ids=["programme", "scenario"])
+def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
+    handle = caller.begin(content)
+    caller.tick()
+    caller.states.publish(SupervisorState(actual_mode="safe_stop", reason="an interlock"))
+    answer = caller.result(handle)
+    assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
+    assert answer.result.message.endswith("safe stop by the supervisor: an interlock")
+
+
+def test_the_weld_goes_on_without_its_client(caller):
+    caller.begin(LONG)
+    caller.tick()
+    caller.client.destroy()
+    for _ in range(20):
+        caller.tick()
+    assert caller.weld._programme.machine.state == "running"
+
+
+def test_a_weld_without_measurements_has_failed_and_the_player_stays(domain_id):
+    caller = Caller("silence_timeout_s:=1.0")
+    handle = caller.begin(LONG)
+    answer = caller.result(handle)
+    assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
+    assert answer.result.message.startswith("no measurement on fsw/depth for 1 s")
+    caller.begin(LONG)
+    caller.end()

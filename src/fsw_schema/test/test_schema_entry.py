@@ -1,0 +1,28 @@
+"""Programs that are imported when they are called."""
+
+import subprocess
+import sys
+
+import pytest
+
+SLOW = """
+import os, signal, sys
+if "interrupted" in sys.argv:
+    os.kill(os.getpid(), signal.SIGINT)
+    while True:
+        pass
+def main():
+    print("begins", signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+    return 3
+"""
+
+
+@pytest.mark.parametrize(("words", "expected"), [([], (3, "begins True\n", "")), (["interrupted"], (0, "", ""))])
+def test_a_program_is_called_or_ends_quietly_while_it_is_imported(tmp_path, words, expected):
+    (tmp_path / "slow").mkdir()
+    (tmp_path / "slow" / "node.py").write_text(SLOW)
+    path = [str(tmp_path), *filter(None, sys.path)]
+    # as the scripts do that setuptools makes of entry points
+    code = f"import sys; sys.path[:] = {path!r}; from fsw_schema.entry import slow; sys.exit(slow.node.main())"
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == expected

@@ -1,0 +1,1 @@
+"""What the NMPC's preset ``adaptive`` gains and costs."""

@@ -1,0 +1,110 @@
+"""The page and the figure of the study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
+from matplotlib import rc_context
+from matplotlib.figure import Figure as Canvas
+
+from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
+from controller_comparison.report import table
+from controller_comparison.study import VARIATIONS
+from fsw_analysis.figure_style import STYLE, colours_of
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_scenario.standard_cases import DEFAULT, EVENTS, TIGHT
+from fsw_scenario.standard_runs import JUDGED, Figures
+
+#: What must not be lost by adapting: a share of any figure.
+TOLERATED = 1.1
+Plants = Sequence[Mapping[str, Figures]]
+Rows = list[list[str]]
+
+
+def ratio(plants: Plants, own: str, rivals: Sequence[str], key: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """A figure of one column over the best rival's, on every plant."""
+    return np.array([runs[own][key] / min(runs[rival][key] for rival in rivals) for runs in plants])
+
+
+def shares(plants: Plants, rivals: Sequence[str]) -> Rows:
+    """On how many plants a column is at or below the best rival."""
+    rows = [["", *JUDGED.values()]]
+    for own in (column for column in COLUMNS if column.startswith("nmpc")):
+        rows.append([own, *(f"{100.0 * (ratio(plants, own, rivals, key) <= 1.0).mean():.0f} %" for key in JUDGED)])
+    return rows
+
+
+def against(plants: Plants, rival: str) -> Rows:
+    """How the adapting controller's figures compare with another's, over the plants."""
+    rows = [["figure", "median", "95 %", "worst", f"worse than × {TOLERATED:g}"]]
+    for key, title in JUDGED.items():
+        r = ratio(plants, ADAPTIVE, [rival], key)
+        numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
+        rows.append([title, *numbers, f"{(r > TOLERATED).sum()} of {len(r)}"])
+    return rows
+
+
+def events(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
+    """IAE of each event and the largest error of the temperature in it, on the model's own process."""
+    rows = [["event", *(f"{label}: {what}" for what in ("IAE", "peak °C") for label in nominal)]]
+    for name, step in EVENTS.items():
+        key = "iae_depth_mm_s" if step.of_depth else "iae_temperature_c_s"
+        errors = [f"{found['events'][name][key]:.3g}" for found in nominal.values()]
+        peaks = [f"{found['events'][name]['peak_temperature_error_c']:.2f}" for found in nominal.values()]
+        rows.append([f"{step.size}{' (disturbance)' if name[0] == 'd' else ''}", *errors, *peaks])
+    return rows
+
+
+def at_rest(nominal: Mapping[str, Mapping[str, Any]]) -> Rows:
+    """What noise moves per second."""
+    rows = [["at rest, with noise", "force [kN/s]", "speed [rpm/s]"]]
+    return rows + [[label, *(f"{found['rest'][key]:.3g}" for key in VARIATIONS)] for label, found in nominal.items()]
+
+
+def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
+    """Errors where the speed is at its bound."""
+    rows = [["", "IAE depth [mm s]", "IAE temperature [°C s]", "peak of the temperature's error [°C]"]]
+    return rows + [[name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()]
+
+
+def page(data: Mapping[str, Any]) -> str:
+    """The page of the study."""
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), keep_trailing_newline=True)
+    plants = ran(data["random"])
+    swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
+    tables = {
+        "tight": shares(plants, [TIGHT]),
+        "both": shares(plants, RIVALS),
+        "adapting": against(plants, FIXED),
+        "default": against(plants, DEFAULT),
+        "saturated": saturation(data["saturated"]),
+        "events": events(data["nominal"]),
+        "rest": at_rest(data["nominal"]),
+    }
+    tables = {name: table(rows) for name, rows in tables.items()}
+    return environment.get_template("adaptive.md.j2").render(
+        tables, plants=len(plants), seed=SEED, swings=swings, adaptive=ADAPTIVE, tolerated=TOLERATED
+    )
+
+
+def draw(welds: Mapping[str, WeldSignals], path: Path) -> None:
+    """Depth, temperature and speed where the speed is at its bound."""
+    with rc_context(STYLE):
+        canvas = Canvas(figsize=(9.0, 7.0), layout="constrained")
+        axes = canvas.subplots(3, 1, sharex=True)
+        for (name, signals), colour in zip(welds.items(), colours_of(list(welds)), strict=True):
+            truth = signals.truth
+            assert truth is not None  # a simulation has it
+            time_s = 0.1 * np.arange(len(truth.depth_mm))
+            for axis, values in zip(axes, (truth.depth_mm, truth.temperature_c, truth.speed_rpm), strict=True):
+                axis.plot(time_s, values, color=colour, label=name)
+        for axis, title in zip(axes, ("depth [mm]", "temperature [°C]", "speed [rpm]"), strict=True):
+            axis.set_ylabel(title)
+        axes[0].legend(fontsize=8.0)
+        axes[2].set_xlabel("time [s]")
+        canvas.suptitle("Torque × 0.85, depth 0.2 mm down at 10 s: the speed is at its bound", fontsize=11.0)
+        canvas.savefig(path)

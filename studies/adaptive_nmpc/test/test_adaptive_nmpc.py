@@ -1,0 +1,50 @@
+"""The study of the adaptive preset: what it counts, and its page."""
+
+import pytest
+from adaptive_nmpc import report, study
+
+from fsw_scenario.controllers import make
+from fsw_scenario.standard_runs import JUDGED
+
+
+def runs(**values):
+    """One plant's figures: a value for all of a column's figures."""
+    return {column: {**dict.fromkeys(JUDGED, values.get(name, 1.0)), "swings": False} for name, column in NAMES.items()}
+
+
+NAMES = dict(zip(("conservative", "tight", "default", "fixed", "adaptive"), study.COLUMNS, strict=True))
+
+
+def test_shares_and_ratios_are_those_of_the_plants():
+    plants = [runs(tight=2.0, adaptive=1.5), runs(fixed=0.5, adaptive=1.2)]
+    header, *rows = report.shares(plants, [study.TIGHT])
+    assert header[1:] == list(JUDGED.values())
+    assert {row[0]: row[1] for row in rows} == {"nmpc:default": "100 %", study.FIXED: "100 %", study.ADAPTIVE: "50 %"}
+    assert {row[0]: row[1] for row in report.shares(plants, study.RIVALS)[1:]}[study.ADAPTIVE] == "0 %"
+    assert report.against(plants, study.FIXED)[1][1:] == ["1.95", "2.35", "2.40", "2 of 2"]
+
+
+def test_a_plant_that_cannot_run_is_left_out():
+    assert len(study.ran({"0": runs(), "1": runs() | {study.TIGHT: {"error": "stopped"}}})) == 1
+
+
+def test_the_columns_differ_only_in_what_they_are_named_for():
+    with study.controllers() as made:
+        fixed, adaptive = (make(*made[name]).settings.tuning for name in (study.FIXED, study.ADAPTIVE))
+    still = {"thermal_gain_walk": 0.0, "delay_walk_s": 0.0}
+    assert adaptive.estimator.changed(**still) == fixed.estimator != adaptive.estimator
+    assert adaptive.changed(estimator=fixed.estimator) == fixed
+
+
+@pytest.mark.full
+def test_page_and_figure(tmp_path):
+    welds = study.saturated_welds()
+    data = {"random": {"0": runs(), "1": runs(adaptive=1.2)}, "nominal": study.nominal()}
+    data["saturated"] = study.saturated(welds)
+    page = report.page(data)
+    assert "2 plants" in page and "| set-points, depth | 1.10 | 1.19 | 1.20 | 1 of 2 |" in page
+    report.draw(welds, tmp_path / "priority.png")
+    assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
+    depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}
+    by = [depth[f"{study.ADAPTIVE}, priority {name}"] for name in ("depth", "balance", "temperature")]
+    assert by == sorted(by) and by[0] < 0.5 * depth[study.DEFAULT]

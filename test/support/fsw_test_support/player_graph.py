@@ -1,0 +1,93 @@
+"""The scenario player among real topics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rclpy
+from action_msgs.srv import CancelGoal
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
+
+from fsw_control import messages_ros as convert
+from fsw_control.references_ros import reference_queue, subscribe_references
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldProgress, WeldReference
+from fsw_scenario.scenario_node import ScenarioNode
+from fsw_test_support.ros_graph import Spinner
+
+STEP_NS, START_NS = 100_000_000, 1_700_000_000 * 10**9
+
+
+class PlayerGraph(Spinner):
+    """The player, the sensors, and what a controller follows.
+
+    Parameters
+    ----------
+    source : str
+        Scenario that is given at start; empty: the player waits for goals.
+    parameters : str
+        Of the player, ``name:=value``.
+    """
+
+    def __init__(self, source: str, *parameters: str) -> None:
+        words = [word for one in ("wait_for_controllers:=0", *parameters) for word in ("-p", one)]
+        rclpy.init(args=["test", "--ros-args", *words])
+        self.player, self.peer = ScenarioNode(source), rclpy.create_node("peer")
+        self.follows = reference_queue(self.peer)
+        subscribe_references(self.peer, self.follows)
+        self.progress: list[Any] = []
+        self.peer.create_subscription(WeldProgress, "fsw/weld_progress", self.progress.append, LATEST)
+        kinds = (("depth", ShoulderDepth), ("spindle_torque", SpindleTorque), ("thermocouple", Temperature))
+        self.sensors = [self.peer.create_publisher(kind, f"fsw/{name}", STREAM) for name, kind in kinds]
+        self.cancel = self.peer.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
+        self.by_hand = self.peer.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self.number = self.before = 0  #: of the tick, and of the last before the weld
+        super().__init__()
+        self.executor.add_node(self.player)
+        self.executor.add_node(self.peer)
+        if source:
+            self.until(self.listens)
+
+    def listens(self) -> bool:
+        """Whether the player has begun."""
+        return all(one.get_subscription_count() for one in (*self.sensors, self.by_hand))
+
+    @property
+    def weld(self) -> Any:
+        """The weld under way."""
+        return self.player.weld
+
+    @property
+    def in_force(self) -> Any:
+        """The set-points that a controller follows."""
+        return self.follows.at(START_NS + self.number * STEP_NS)
+
+    def depth(self, number: int) -> None:
+        """Publish a depth."""
+        self.sensors[0].publish(convert.depth_message(2.66, START_NS + number * STEP_NS))
+
+    def tick(self) -> Any:
+        """One tick, which the player has seen at its end; returns what is then in force."""
+        self.number += 1
+        stamp_ns = START_NS + self.number * STEP_NS
+        self.sensors[1].publish(convert.torque_message(1050.0, stamp_ns))
+        self.sensors[2].publish(convert.temperature_message(816.4, stamp_ns))
+        self.depth(self.number)
+        weld = self.weld
+        self.until(lambda: weld._stamps.newest_ns == stamp_ns and weld._tick + weld._held >= self.number - self.before)
+        return self.in_force
+
+    def ask(self, verb: str) -> Any:
+        """The answer of a service of the weld; ``abort`` cancels all goals."""
+        if verb == "abort":
+            return self.call(self.cancel, CancelGoal.Request())
+        client = self.peer.create_client(Trigger, f"fsw/weld/{verb}")
+        return self.call(client, Trigger.Request())
+
+    def end(self) -> None:
+        """Destroy the nodes."""
+        self.executor.shutdown()
+        self.player.destroy_node()
+        self.peer.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,56 @@
+"""The wheels in an empty environment outside the repository: the command, a weld in one process, a weld over DDS."""
+
+import os
+import subprocess
+import sys
+import tomllib
+import venv
+import xml.etree.ElementTree as ElementTree
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import fsw
+
+WORKSPACE = Path(__file__).resolve().parents[1]
+
+
+def run(*command, cwd, **environment):
+    return subprocess.run(
+        list(map(str, command)), cwd=cwd, env=environment, capture_output=True, text=True, timeout=900, check=True
+    ).stdout
+
+
+def test_every_package_is_in_the_wheel_and_has_its_version():
+    settings = tomllib.loads((WORKSPACE / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    named = {Path(path).name for path in settings["packages"]} | {"fsw_msgs", "fsw_bringup"}
+    manifests = list(WORKSPACE.glob("src/*/package.xml"))
+    assert {path.parent.name for path in manifests} == named
+    kinds = {str(path.relative_to(WORKSPACE)) for path in (WORKSPACE / "src" / "fsw_msgs").iterdir() if path.is_dir()}
+    assert set(settings["force-include"]) == kinds
+    assert {ElementTree.parse(path).getroot().findtext("version") for path in manifests} == {fsw.__version__}
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_wheels_weld_in_an_empty_environment(tmp_path):
+    wheels, home, place = (tmp_path / name for name in ("wheels", "env", "place"))
+    place.mkdir()
+    script = WORKSPACE / "scripts" / "build_wheels.py"
+    run(sys.executable, script, "--host", "--out", wheels, cwd=place, **os.environ)
+    (wheel,) = wheels.glob("fsw_control*.whl")
+    with zipfile.ZipFile(wheel) as content:
+        assert {"fsw_nmpc/_kernel.so", "fsw_decentral/_kernel.so"} <= set(content.namelist())
+    venv.EnvBuilder(with_pip=True).create(home)
+    pip = [home / "bin" / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
+    run(*pip, "-c", WORKSPACE / "requirements" / "runtime.lock", "fsw-control", cwd=place, **os.environ)
+
+    def command(*words):
+        return run(home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere")  # no compiler there
+
+    assert command("--version") == f"fsw-control {fsw.__version__}\n"
+    assert "IAE depth" in command("simulate", "quick", "--controller", "nmpc", "--no-figures")
+    assert not (place / ".cache" / "fsw_nmpc").exists()  # the library was that of the wheel
+    command("demo", "--scenario", "quick", "--controller", "decentral", "--out", "welded")
+    assert list((place / "welded" / "quick" / "decentral" / "bag").glob("*.mcap"))
