@@ -14,6 +14,7 @@ if __name__ == "__main__":
     extras += ["hmi"] if live or sys.argv[1:3] == ["node", "hmi"] else []
     extras += ["machine"] if sys.argv[1:3] == ["node", "machine"] else []
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
+    extras += ["history"] if sys.argv[1:2] == ["history"] else []
     extras += ["completion"] if sys.argv[1:2] == ["completion"] else []
     signing = sys.argv[1:2] in (["bag"], ["procedure"]) and sys.argv[2:3] and sys.argv[2] in SIGNING
     extras += ["quality"] if sys.argv[1:2] == ["record"] or signing else []

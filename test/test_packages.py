@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_recorder", "fsw_msgs"},
+    "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model", "fsw_recorder", "fsw_msgs"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
@@ -162,7 +162,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
     said = declared(package, *_TAGS)
     started = {
         "fsw_bringup": said,
-        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_quality", "fsw_recorder"},
     }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()

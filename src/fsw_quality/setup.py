@@ -13,5 +13,10 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    entry_points={"console_scripts": ["procedure = fsw_schema.entry:fsw_quality.procedure_node.main"]},
+    entry_points={
+        "console_scripts": [
+            "monitor = fsw_schema.entry:fsw_quality.monitor_node.main",
+            "procedure = fsw_schema.entry:fsw_quality.procedure_node.main",
+        ]
+    },
 )

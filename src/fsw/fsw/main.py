@@ -28,7 +28,7 @@ RUNNING = (
 )
 _COMMANDS = (
     *(*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record"),
-    *("demo", "node", "completion"),
+    *("monitor", "history", "demo", "node", "completion"),
 )
 #: modules of the commands whose name is that of a function of the package
 _MODULES = {name: f"{name}_command" for name in ("simulate", "model", "identify")}

@@ -12,6 +12,7 @@ NODES = {
     "decentral": "fsw_decentral.decentral_node",
     "hmi": "fsw_hmi.main",
     "machine": "fsw_machine.machine_node",
+    "monitor": "fsw_quality.monitor_node",
     "nmpc": "fsw_nmpc.nmpc_node",
     "plant": "fsw_plant.plant_node",
     "recorder": "fsw_recorder.recorder_node",

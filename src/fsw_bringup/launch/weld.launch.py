@@ -63,6 +63,7 @@ ARGUMENTS = {
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
     ),
+    "monitor": ("false", "Whether the monitor watches the weld and tells causes and advice"),
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
@@ -80,7 +81,7 @@ TRUE, FALSE = ("true", "True"), ("false", "False")
 FLAG = [*TRUE, *FALSE]
 LEVELS = ["debug", "info", "warn", "error", "fatal"]
 CHOICES = {
-    **dict.fromkeys(("record", "hmi", "realtime", "autostart"), FLAG),
+    **dict.fromkeys(("record", "monitor", "hmi", "realtime", "autostart"), FLAG),
     "standby": ["", *FLAG],
     "log_level": [*LEVELS, *map(str.upper, LEVELS)],
 }
@@ -135,6 +136,8 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     clock = {} if speed is None else {"use_sim_time": True}
     page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
+    watch = {"process": "canister" if machine or (scenario is not None and scenario.on_canister) else "paper", **clock}
+    parameters["fsw_monitor"] = {"ros__parameters": watch}
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if arguments["autostart"] in FALSE:
         for name in MANAGED:
@@ -163,6 +166,7 @@ def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
     """Nodes that record, watch and show the weld, as far as they are wanted."""
     wanted = {
         "recorder": ("fsw_recorder", arguments["record"] in TRUE),
+        "monitor": ("fsw_quality", arguments["monitor"] in TRUE),
         "procedure": ("fsw_quality", bool(arguments["procedure"])),
         "hmi": ("fsw_hmi", arguments["hmi"] in TRUE),
     }

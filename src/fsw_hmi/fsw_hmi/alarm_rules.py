@@ -42,6 +42,8 @@ _WRITERS = ("command topic", "commands")
 _OTHER_RULES = ("controller", "process", "arbiter", "watchdog", *_WRITERS)
 #: parts of a gateway that say whether commands reach the machine
 _GATEWAY = ("connection", "machine", "writes")
+#: the node that watches the weld: its warnings have causes and advice of their own
+MONITOR = "fsw_monitor"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
 _SWAP_S = 12.0
 _LONGEST_ID = 100
@@ -100,6 +102,7 @@ class Part:
     level: str
     text: str
     permissive: bool | None = None
+    advice: str = ""  #: of the monitor, what to do
 
 
 _FINE = Part("ok", "")
@@ -341,6 +344,8 @@ class AlarmRules:
                 found["foreign"] = alarm("foreign")
             if parts.get("standby", _FINE).level == "stale":  # it has died, or leads now
                 found["standby"] = alarm("standby")
+            if node == MONITOR:
+                self._watch(parts, found)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             errors = [
                 (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)
@@ -351,3 +356,10 @@ class AlarmRules:
                 one = alarm("part_error", node=node, what=text + (f"; {more} more of its parts" if more else ""))
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
+
+    @staticmethod
+    def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
+        """What the monitor tells."""
+        for what, part in parts.items():
+            if part.level == "warn":
+                found[alarm_id("watch", what)] = alarm("watch", cause=part.text, advice=part.advice or "See the trends")

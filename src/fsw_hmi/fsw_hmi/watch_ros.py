@@ -20,7 +20,7 @@ from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi import reports_ros
-from fsw_hmi.alarm_rules import NO_REPORT_S, Part
+from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, Part
 from fsw_hmi.frames import COLUMNS, readable
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
@@ -158,9 +158,14 @@ class Watch:
                 continue
             self._parts[node] = parts
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
-            values = {pair.key: pair.value for pair in status.values} if what in ("machine", "process") else {}
+            values = (
+                {pair.key: pair.value for pair in status.values}
+                if what in ("machine", "process") or node == MONITOR
+                else {}
+            )
             permissive = None if "permissive" not in values else values["permissive"] == "True"
-            parts[what] = Part(level, readable(status.message), permissive), now_s
+            advice = readable(values.get("advice", ""))
+            parts[what] = Part(level, readable(status.message), permissive, advice), now_s
             if name == "fsw_supervisor: process":
                 self.sensor_reasons = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
 

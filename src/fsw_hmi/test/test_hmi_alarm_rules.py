@@ -372,3 +372,11 @@ def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules
     listed.acknowledge(["out_of_reach"], "anna")
     assert states(within, 6.0) == {}
     assert [one.event for one in listed.events] == ["raised", "cleared", "acknowledged"]
+
+
+def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
+    parts = {"fsw_monitor": {"thermocouple": Part("warn", "It drifts", advice="Replace it"), "watch": Part("ok", "")}}
+    found = rules.present(situation(parts=parts), 0.0)
+    assert {name: (one.text, one.advice) for name, one in found.items()} == {
+        "watch:thermocouple": ("It drifts", "Replace it")
+    }

@@ -44,6 +44,7 @@ class WeldGraph:
     realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
+    monitor: bool = False  #: whether the weld is watched by the monitor
     procedure: str = ""  #: that it is welded by: YAML file, or name of a shipped one; empty: none
     #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -84,6 +85,8 @@ class WeldGraph:
         if self.standby:
             renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
             launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
+        if self.monitor:
+            launcher.start("monitor", "fsw_quality.monitor_node", ros_args)
         if self.procedure:
             launcher.start("procedure", "fsw_quality.procedure_node", ros_args)
         return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
@@ -107,6 +110,7 @@ class WeldGraph:
                 "scenario": str(scenario_file),
                 **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
             },
+            **({"fsw_monitor": {"process": plant["process"]}} if self.monitor else {}),
         }
         for name in names:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}

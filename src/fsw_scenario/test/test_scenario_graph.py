@@ -35,6 +35,14 @@ def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervi
         assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}
 
 
+def test_the_monitor_is_told_which_process_it_watches_and_the_plant_does_not_wait_for_it():
+    scenario = parse("{name: short, duration_s: 5.0, plant: {process: canister}}")
+    graph, without = (WeldGraph(scenario, Path("weld"), ("decentral",), monitor=one) for one in (True, False))
+    nodes, usual = (one.parameter_file(Path("s.yaml")) for one in (graph, without))
+    assert nodes.pop("fsw_monitor")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
+    assert nodes == usual
+
+
 def test_a_weld_by_a_procedure_has_its_limits_and_its_record(tmp_path):
     scenario = parse("{name: short, duration_s: 5.0}")
     plain = WeldGraph(scenario, tmp_path).parameter_file(tmp_path / "scenario.yaml")

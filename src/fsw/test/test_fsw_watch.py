@@ -1,0 +1,33 @@
+"""``fsw.py monitor`` and ``fsw.py history`` on the bag of a weld."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fsw.main import main
+
+BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_tracking"
+
+
+def test_monitor_tells_of_a_bag_and_writes_figure_and_json(tmp_path, capsys):
+    figure, figures = tmp_path / "figure.png", tmp_path / "told.json"
+    assert main(["monitor", str(BAG), "--figure", str(figure), "--json", str(figures)]) == 0
+    assert "no alarm, limits of process paper" in capsys.readouterr().out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    told = json.loads(figures.read_text())
+    assert told["alarms"] == [] and told["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
+    assert main(["monitor", str(BAG), "--figure", str(figure)]) == 1
+
+
+def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
+    pytest.importorskip("pyarrow")
+    folder = tmp_path / "history"
+    assert main(["history", "add", str(folder), str(BAG)]) == 0
+    assert main(["history", "add", str(folder), str(BAG)]) == 1
+    assert "twice" in capsys.readouterr().err
+    assert main(["history", "report", str(folder)]) == 0
+    assert (folder / "report.html").exists()
+    assert main(["history", "diff", str(folder), BAG.name, BAG.name]) == 0
+    assert "nothing" in capsys.readouterr().out
+    assert main(["history", "report", str(tmp_path / "none")]) == 1

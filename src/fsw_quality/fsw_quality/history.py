@@ -1,0 +1,197 @@
+"""The history of welds: a row for each in a folder of Parquet files, and what changed between two of them."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_quality.attestation import IDENTITY
+from fsw_quality.course import course_of
+from fsw_quality.monitor_run import Watched
+from fsw_schema.files import replacing
+from fsw_schema.models import InputError
+
+#: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
+TORQUE_NM = 1021.5
+_LOCK = ".lock"
+#: files that are joined into one when a row is added
+_MOST_FILES = 50
+TEXTS = ("weld", *IDENTITY, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
+COUNTS = ("start_ns", "alarms", "swaps", "operator_actions")
+#: meaning of each number, with its unit
+NUMBERS = {
+    "duration_s": "duration [s]",
+    "temperature_error_mean_c": "mean temperature error [°C]",
+    "temperature_error_sigma_c": "σ of the temperature error [°C]",
+    "temperature_error_max_c": "largest temperature error [°C]",
+    "depth_error_mean_mm": "mean depth error [mm]",
+    "depth_error_sigma_mm": "σ of the depth error [mm]",
+    "depth_error_max_mm": "largest depth error [mm]",
+    "torque_nm": "torque at equal conditions [N·m]",
+    "power_kw": "mean power [kW]",
+    "gain_heat": "gain of heat",
+    "gain_depth": "gain of depth",
+    "drift_torque_nm": "largest drift of torque within the weld [N·m]",
+    "drift_depth_um_per_min": "largest drift of depth within the weld [µm/min]",
+    "drift_heat_c": "largest drift of heat within the weld [°C]",
+}
+SCHEMA = pa.schema(
+    [(name, pa.string()) for name in TEXTS]
+    + [(name, pa.int64()) for name in COUNTS]
+    + [(name, pa.float64()) for name in NUMBERS]
+)
+Row = dict[str, Any]
+
+
+def row(name: str, signals: WeldSignals, watched: Watched, identity: Mapping[str, str], verdict: str = "") -> Row:
+    """The row of a weld.
+
+    The torque at equal conditions is the model's at the operating point times the median ratio of measured and model
+    torque, so that welds at other forces and depths compare.
+    """
+    course = course_of(signals)
+    found: Row = {"weld": name, **{key: identity.get(key, "") for key in IDENTITY}, "verdict": verdict}
+    found["controllers"] = ", ".join(dict.fromkeys(str(one) for one in course.source if one))
+    actions = [one for one in signals.events if one.kind == "operator"]
+    found["operators"] = ", ".join(dict.fromkeys(one.text.partition(": ")[0] for one in actions))
+    sources = course.source[course.source != ""]
+    found |= {
+        "start_ns": int(signals.stamp_ns[0]),
+        "alarms": len(watched.alarms),
+        "alarm_kinds": ", ".join(dict.fromkeys(one.finding.kind for one in watched.alarms)),
+        "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.cause}" for one in watched.alarms),
+        "swaps": int(np.sum(sources[1:] != sources[:-1])),
+        "operator_actions": len(actions),
+        "duration_s": float(course.time_s[-1] - course.time_s[0]),
+        "torque_nm": watched.gains["torque"][0] * TORQUE_NM if "torque" in watched.gains else nan,
+        "power_kw": _mean(course.values["power_kw"]),
+    }
+    for variable, unit in (("temperature", "c"), ("depth", "mm")):
+        error = course.values[f"{variable}_error_{unit}"]
+        known = error[np.isfinite(error)]
+        of = (known.mean(), known.std(), np.abs(known).max()) if known.size else (nan, nan, nan)
+        for what, value in zip(("mean", "sigma", "max"), of, strict=True):
+            found[f"{variable}_error_{what}_{unit}"] = float(value)
+    largest = watched.largest()
+    for key, figure in (("torque_nm", "torque"), ("depth_um_per_min", "depth"), ("heat_c", "heat")):
+        found[f"drift_{key}"] = largest.get(f"drift_{figure}", nan)
+    for gain in ("heat", "depth"):
+        found[f"gain_{gain}"] = watched.gains.get(gain, (nan, nan))[0]
+    return found
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else nan
+
+
+def add(folder: Path, rows: Sequence[Row]) -> int:
+    """Add rows to the history in a folder, which is made if need be; returns how many welds it has then.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        If a weld is in the history already, or the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / _LOCK).open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            files = _files(folder)
+            there = load(folder) if files else SCHEMA.empty_table()
+            names = there["weld"].to_pylist() + [one["weld"] for one in rows]
+            if doubled := sorted(_twice(names)):
+                raise InputError(f"{folder}: weld {doubled[0]} would be in the history twice; nothing is added")
+            fresh = pa.Table.from_pylist(list(rows), SCHEMA)
+            joined = len(files) >= _MOST_FILES
+            number = int(files[-1].stem) + 1 if files else 0
+            with replacing(folder / f"{number:06d}.parquet") as scratch:
+                pq.write_table(pa.concat_tables([there, fresh]) if joined else fresh, scratch, compression="zstd")
+            for old in files if joined else ():
+                old.unlink()
+            return len(names)
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror}") from None
+
+
+def _twice(names: Iterable[str]) -> set[str]:
+    seen: set[str] = set()
+    found: set[str] = set()
+    for name in names:
+        (found if name in seen else seen).add(name)
+    return found
+
+
+def load(folder: Path) -> pa.Table:
+    """The history in a folder, in the order in which the welds were added.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        If there is none, or a file cannot be read.
+    """
+    files = _files(folder)
+    if not files:
+        raise InputError(f"{folder}: there is no history of welds; 'fsw.py history add {folder} BAG' begins one")
+    tables = []
+    for file in files:
+        try:
+            tables.append(pq.read_table(file, schema=SCHEMA))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+    table = pa.concat_tables(tables).combine_chunks()
+    # a crash while files were joined may leave a weld in two of them
+    names = table["weld"].to_pylist()
+    first = {name: i for i, name in reversed(list(enumerate(names)))}
+    return table if len(first) == len(names) else table.take(sorted(first.values()))
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(one for one in folder.glob("[0-9]*.parquet") if one.stem.isdecimal())
+
+
+def column(table: pa.Table, name: str) -> FloatArray:
+    """A number of all welds, shape (n,); NaN where it is not known."""
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str, str, float]]:
+    """What changed from one weld to another: what, before, after, and by how many standard deviations (NaN: of text).
+
+    The standard deviation is that from weld to weld in the whole history; numbers that changed by less than three are
+    left out. The largest change comes first, behind the texts.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        If a weld is not in the history.
+    """
+    names = table["weld"].to_pylist()
+    rows = []
+    for name in (first, second):
+        if name not in names:
+            raise InputError(f"weld {name} is not in the history; it has {', '.join(names[-5:])} and others before")
+        rows.append(names.index(name))
+    before, after = (table.slice(i, 1).to_pylist()[0] for i in rows)
+    texts = [
+        (name, before[name] or "-", after[name] or "-", nan)
+        for name in (*TEXTS[1:-1], "swaps", "operator_actions")
+        if before[name] != after[name]
+    ]
+    found = []
+    for name, words in NUMBERS.items():
+        moves = np.abs(np.diff(column(table, name)))
+        moves = moves[np.isfinite(moves)]
+        sigma = float(np.median(moves)) / 0.954 if moves.size else 0.0
+        change = after[name] - before[name]
+        if isfinite(change) and sigma > 0.0 and abs(change) > 3.0 * sigma:
+            found.append((words, f"{before[name]:.4g}", f"{after[name]:.4g}", change / sigma))
+    return [(name, str(a), str(b), z) for name, a, b, z in texts] + sorted(found, key=lambda one: -abs(one[3]))

@@ -1,0 +1,167 @@
+"""The report on a history of welds: what stands out, control charts, the tools' lives; one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pyarrow as pa
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from fsw_analysis.figure_style import STYLE
+from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
+from fsw_quality.history import NUMBERS, column
+from fsw_schema.files import replacing
+
+#: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
+WORN_NM = 50.0
+#: smallest spreads that count, so that what is equal to the last digit makes no signal of nothing
+_LEAST = {"torque_nm": 0.5, "power_kw": 0.02, "gain_heat": 0.005, "gain_depth": 0.005, "duration_s": 1.0}
+#: what is charted: all but what differs by intention
+CHARTED = tuple(name for name in NUMBERS if name != "duration_s")
+#: welds in the report's tables
+_MOST = 40
+
+
+@dataclass(frozen=True, slots=True)
+class ToolLife:
+    """A tool in the history."""
+
+    tool: str
+    welds: int
+    trend: Trend | None
+
+    @property
+    def words(self) -> str:
+        """Its life, with the interval."""
+        if self.trend is None:
+            return "too few welds to say"
+        if not (self.trend.significant and self.trend.per_weld > 0.0):
+            return "the torque does not rise: no end in sight"
+        soonest, expected, latest = self.trend.life
+        end = f"{latest:.0f}" if isfinite(latest) else "never"
+        return f"worn ({WORN_NM:g} N·m more) after {expected:.0f} welds, 95 % interval {soonest:.0f} to {end}"
+
+
+def charts(table: pa.Table) -> dict[str, Chart]:
+    """The control charts that can be made."""
+    made = {name: chart(column(table, name), least_sigma=_LEAST.get(name, 0.0)) for name in CHARTED}
+    return {name: one for name, one in made.items() if one is not None}
+
+
+def tools(table: pa.Table) -> list[ToolLife]:
+    """The tools, in the order of their first welds."""
+    names = np.array([one or "" for one in table["tool"].to_pylist()], object)
+    torque = column(table, "torque_nm")
+    return [
+        ToolLife(tool or "not told", int(np.sum(names == tool)), trend(torque[names == tool], WORN_NM))
+        for tool in dict.fromkeys(names.tolist())
+    ]
+
+
+def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
+    """Weld and what stands out there: first signals of the charts, alarms, swaps, operators' actions, verdicts."""
+    names = table["weld"].to_pylist()
+    said: list[tuple[int, str]] = []
+    for name, one in found.items():
+        for kind, at in one.signals.items():
+            if at:
+                more = f", and at {len(at) - 1} later welds" if len(at) > 1 else ""
+                value = f"{one.values[at[0]]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
+                said.append((at[0], f"{kind} chart of {NUMBERS[name]} signals: {value}{more}"))
+    columns = {
+        name: table[name].to_pylist() for name in ("alarm_texts", "swaps", "operators", "verdict", "controllers")
+    }
+    for i in range(len(names)):
+        said += [(i, f"alarm at {line}") for line in (columns["alarm_texts"][i] or "").splitlines()]
+        if columns["swaps"][i]:
+            said.append((i, f"{columns['swaps'][i]} swap(s): {columns['controllers'][i]}"))
+        if columns["operators"][i]:
+            said.append((i, f"operator acted: {columns['operators'][i]}"))
+        if columns["verdict"][i] in ("review", "reject"):
+            said.append((i, f"verdict {columns['verdict'][i]}"))
+    return [(names[i], text) for i, text in sorted(said)]
+
+
+def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
+    """Write the report as one HTML file; returns what stands out.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    found = charts(table)
+    said = remarks(table, found)
+    templates = Environment(
+        loader=PackageLoader("fsw_quality"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    text = templates.get_template("history.html.j2").render(
+        title=title,
+        welds=table.num_rows,
+        remarks=said[-_MOST:] if len(said) > _MOST else said,
+        left_out=max(0, len(said) - _MOST),
+        tools=tools(table),
+        image=f"data:image/png;base64,{base64.b64encode(draw(table, found)).decode()}",
+        table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
+    )
+    with replacing(target) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    return said
+
+
+def _short(one: dict[str, Any]) -> str:
+    return ", ".join(
+        text
+        for text in (
+            one["alarm_kinds"] or "",
+            f"{one['swaps']} swaps" if one["swaps"] else "",
+            f"operator {one['operators']}" if one["operators"] else "",
+        )
+        if text
+    )
+
+
+def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
+    """The control charts, as PNG: values with limits, CUSUM beside them, what signals in red."""
+    shown = list(found)
+    tool = table["tool"].to_pylist()
+    changes = [i for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(11.0, 1.6 * max(len(shown), 1) + 0.6), layout="constrained")
+        axes = figure.subplots(max(len(shown), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
+        for (left, right), name in zip(axes, shown, strict=False):
+            one = found[name]
+            welds = np.arange(1, one.values.size + 1)
+            left.plot(welds, one.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1)
+            left.plot(welds, one.ewma, color="#0b62a4", linewidth=1.2)
+            for width in (-SHEWHART_WIDTH, 0.0, SHEWHART_WIDTH):
+                left.axhline(
+                    one.centre + width * one.sigma, color="0.5", linewidth=0.8, linestyle="--" if width else "-"
+                )
+            out = one.signals["shewhart"]
+            left.plot(welds[out], one.values[out], "o", color="#d1495b", markersize=5, fillstyle="none")
+            right.plot(welds, np.maximum(one.high, 0.0), color="#0b62a4", linewidth=1.0)
+            right.plot(welds, -one.low, color="#0b62a4", linewidth=1.0)
+            for limit in (CUSUM_LIMIT, -CUSUM_LIMIT):
+                right.axhline(limit, color="#d1495b", linewidth=0.8, linestyle="--")
+            left.set_title(NUMBERS[name], fontsize=8.5, loc="left")
+            for change in changes:
+                left.axvline(change + 0.5, color="#2e8540", linewidth=0.8)
+        axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
+        for axis in axes[-1]:
+            axis.set_xlabel("weld")
+        with io.BytesIO() as file:
+            figure.savefig(file, format="png", dpi=100)
+            return file.getvalue()

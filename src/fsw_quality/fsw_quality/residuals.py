@@ -1,0 +1,184 @@
+"""What the process model says of the measured values, without any controller: three residuals and the gains.
+
+The drives report the force and the speed that act, so each equation of the model connects measured values alone:
+
+========== ================================================ =======================================================
+residual   equation                                         compares
+========== ================================================ =======================================================
+torque     (18)-(23) from force, depth and speed            measured torque with the model's
+depth      (17), (27) from force, depth and temperature     depth, temperature's share taken out, with what the force
+                                                            has pressed the shoulder in
+heat       (16), (24) from torque, speed and temperature    measured temperature with what the power has heated
+========== ================================================ =======================================================
+
+Each sensor has its part in other residuals, which is what tells them apart (structured residuals, Gertler, Fault
+Detection and Diagnosis in Engineering Systems, 1998).
+"""
+
+from __future__ import annotations
+
+from math import exp, pi, sqrt
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_model import STEP_S, ModelParameters, equations
+from fsw_quality.monitor_statistics import FloatArray
+
+
+class Residuals(NamedTuple):
+    """Measured minus model at a tick, and what the estimates of the gains need."""
+
+    torque_nm: float
+    depth_mm: float  #: drifts by itself: depth integrates, so only its slope means something
+    heat_c: float
+    model_torque_nm: float  #: process torque of the model
+    pressed_mm: float  #: Delta l that the force has made, and
+    sunk_mm: float  #: Delta l that is measured
+    heated_c: float  #: temperature that the power makes without dead time
+    rise_c: float  #: measured temperature above the operating point
+    power_kw: float
+
+
+class ModelResiduals:
+    """Steps the model from measured values; at the first tick it starts from what is measured."""
+
+    def __init__(self, parameters: ModelParameters) -> None:
+        self._p = p = parameters
+        force, depth, speed = ca.SX.sym("force"), ca.SX.sym("depth"), ca.SX.sym("speed")
+        self._torques = ca.Function(
+            "torques",
+            [force, depth, speed],
+            [ca.vertcat(equations.process_torque_nm(p, force, depth), equations.friction_torque_nm(p, speed))],
+        )
+        self._follow = 1.0 - exp(-STEP_S / p.motor_lag_s)
+        poles, gains = equations.depth_modes(p)
+        self._slow = exp(poles[1] * STEP_S)
+        self._slow_gain = (self._slow - 1.0) / poles[1] * gains[1]
+        self._creep_gain = gains[0] * STEP_S
+        a, b = equations.thermal_block(p)
+        whole = np.zeros((3, 3))
+        whole[:2, :2], whole[:2, 2] = a, b
+        stepped = equations.matrix_exponential(whole * STEP_S)
+        self._thermal = [float(one) for one in (*stepped[0], *stepped[1])]
+        self._delay = round(p.dead_time_s / STEP_S)
+        self._first = True
+
+    def step(
+        self, depth_mm: float, torque_nm: float, temperature_c: float, force_kn: float, speed_rpm: float
+    ) -> Residuals:
+        """Residuals at a tick; ``force_kn`` and ``speed_rpm`` act, as the drives report them."""
+        p = self._p
+        process_nm, friction_nm = (float(one) for one in self._torques(force_kn, depth_mm, speed_rpm).nonzeros())
+        rise_c, static_nm = temperature_c - p.operating_temperature_c, process_nm + friction_nm
+        if self._first:
+            self._speed, self._motor = speed_rpm, static_nm
+            self._creep = self._slow_mm = 0.0
+            self._copper = self._tool = rise_c
+            self._heated = [rise_c] * (self._delay + 1)
+            self._first = False
+        inertia_nm = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * (speed_rpm - self._speed) / STEP_S
+        self._speed = speed_rpm
+        self._motor += self._follow * (static_nm - self._motor)
+        pushed = force_kn - p.operating_force_kn
+        self._creep += self._creep_gain * pushed
+        self._slow_mm = self._slow * self._slow_mm + self._slow_gain * pushed
+        sunk = depth_mm / (1.0 + p.softening_per_c * rise_c) - p.operating_depth_mm
+        power = (torque_nm - inertia_nm - friction_nm) * speed_rpm * pi / 30000.0
+        self._heat(power - p.operating_power_kw)
+        pressed = self._creep + self._slow_mm
+        return Residuals(
+            torque_nm - inertia_nm - self._motor,
+            sunk - pressed,
+            rise_c - self._heated[0],
+            process_nm,
+            pressed,
+            sunk,
+            self._heated[-1],
+            rise_c,
+            power,
+        )
+
+    def _heat(self, power_kw: float) -> None:
+        aa, ab, ap, ba, bb, bp = self._thermal
+        copper, tool = self._copper, self._tool
+        self._copper = aa * copper + ab * tool + ap * power_kw
+        self._tool = ba * copper + bb * tool + bp * power_kw
+        self._heated.pop(0)
+        self._heated.append(self._tool)
+
+
+class Gain(NamedTuple):
+    """A gain relative to the model's, its standard error, and the dead time [s] at which the model fits best."""
+
+    gain: float
+    error: float
+    dead_time_s: float
+    #: by how much the nominal dead time fits worse: ratio of the sums of squares, less 1
+    worse: float
+    excited: bool
+
+
+class GainEstimate:
+    """Least squares with forgetting of a gain, for several dead times at once.
+
+    Model response and measured value pass the same washout (first order), so that offsets and slow drifts do not count;
+    for each dead time, a gain is estimated recursively (least squares with exponential forgetting, Ljung, System
+    Identification, 11.2). The best dead time is where the least is left over. Without excitation nothing is said: the
+    model response must move by ``least`` (root of the mean square).
+
+    Parameters
+    ----------
+    dead_times_s : sequence of float
+        The first one is the nominal one.
+    least : float
+        In the unit of the response.
+    noise : float
+        Standard deviation of the measurement's noise, below which the rest does not count.
+    """
+
+    WASHOUT_S = 40.0
+    FORGET_S = 40.0
+    #: the rest is no white noise; so many samples count as one
+    CORRELATED = 10.0
+
+    def __init__(self, dead_times_s: tuple[float, ...], least: float, noise: float) -> None:
+        self._behind = np.array([round(one / STEP_S) for one in dead_times_s])
+        self._dead_times_s, self._least, self._noise = np.array(dead_times_s), least, noise
+        self._keep, self._forget = exp(-STEP_S / self.WASHOUT_S), exp(-STEP_S / self.FORGET_S)
+        self._history = np.zeros(int(self._behind.max()) + 1)
+        self._at = 0
+        self._xx = self._xy = np.zeros(len(dead_times_s))
+        self._yy, self._weight = 0.0, 0.0
+        self._last: tuple[float, float] | None = None
+        self._x = self._y = 0.0
+
+    def step(self, response: float, measured: float) -> None:
+        """Take the model's response without dead time, and what was measured."""
+        if self._last is None:
+            self._last = response, measured
+        self._x = self._keep * (self._x + response - self._last[0])
+        self._y = self._keep * (self._y + measured - self._last[1])
+        self._last = response, measured
+        self._at = (self._at + 1) % self._history.size
+        self._history[self._at] = self._x
+        x = self._history[(self._at - self._behind) % self._history.size]
+        self._xx = self._forget * self._xx + x * x
+        self._xy = self._forget * self._xy + x * self._y
+        self._yy = self._forget * self._yy + self._y**2
+        self._weight = self._forget * self._weight + 1.0
+
+    def estimate(self) -> Gain:
+        """The gain now."""
+        if self._weight < 100.0 or float(self._xx[0]) / self._weight < self._least**2:
+            return Gain(1.0, float("inf"), float(self._dead_times_s[0]), 0.0, False)
+        xx = np.maximum(self._xx, 1e-12)
+        floor = self._noise**2 * self._weight
+        rest: FloatArray = np.maximum(self._yy - self._xy**2 / xx, 0.0) + floor
+        best = int(np.argmin(rest))
+        sigma2 = float(rest[best]) / self._weight
+        error = sqrt(sigma2 * self.CORRELATED / float(xx[best]))
+        worse = float(rest[0] / rest[best]) - 1.0
+        return Gain(float(self._xy[best] / xx[best]), error, float(self._dead_times_s[best]), worse, True)

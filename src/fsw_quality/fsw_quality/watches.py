@@ -1,0 +1,263 @@
+"""What is watched within a weld, one class for each kind of thing; each gives figures that grow with the fault."""
+
+from __future__ import annotations
+
+from math import exp, isfinite, nan
+
+import numpy as np
+
+from fsw_control.weld import TICK_S
+from fsw_quality.monitor_statistics import (
+    Window,
+    best_delay,
+    harris_index,
+    ljung_box,
+    noise_sigma,
+    oscillation,
+    robust_slope,
+)
+from fsw_quality.residuals import Gain, GainEstimate, Residuals
+
+#: all chosen: length of the windows, and of the time from which a weld's own normal values are learnt
+LEARN_S = 90.0
+_SECOND = round(1.0 / TICK_S)
+_LEVEL_S, _SLOPE_S, _SPAN_S = 20, 60, 15
+#: a dead time that differs by less is the nominal one
+_DEAD_TIME_S = 0.4
+#: a swing is worth an alarm from so many standard deviations of the sensor's noise on
+_VISIBLE = 3.0
+#: after a step of the set-point a loop has settled (chosen)
+_SETTLED_S = 60.0
+#: a gain is known with this standard error
+_KNOWN = 0.03
+
+
+class SensorWatch:
+    """Noise and standstill of a sensor's samples."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self._window = name, Window(20 * _SECOND)
+        self._learnt: list[float] = []
+        self._last, self._same = nan, 0
+
+    def push(self, value: float) -> None:
+        """Take a sample."""
+        self._same = self._same + 1 if value == self._last else 0
+        self._last = value
+        self._window.push(value)
+
+    @property
+    def normal(self) -> float:
+        """Noise that was learnt at the begin of the weld; 0 before."""
+        return float(np.median(self._learnt)) if self._learnt else 0.0
+
+    def figures(self, time_s: float) -> dict[str, float]:
+        """Figures at a second."""
+        if not self._window.full:
+            return {}
+        sigma = noise_sigma(self._window.values())
+        if time_s <= LEARN_S:
+            self._learnt.append(sigma)
+        if self.normal <= 0.0:  # it has none, as an emulated sensor may: standstill says nothing either
+            return {}
+        if self._same > _SECOND:  # the other figure tells
+            return {f"stuck_{self.name}": TICK_S * self._same}
+        ratio = max(sigma, 1e-9) / self.normal
+        return {
+            f"stuck_{self.name}": TICK_S * self._same,
+            f"noise_grown_{self.name}": ratio,
+            f"noise_gone_{self.name}": 1.0 / ratio,
+        }
+
+
+class DriveWatch:
+    """A drive: what it does of what it is told, and how much it is told to move."""
+
+    def __init__(self, name: str, least: float, low: float, high: float, step: float) -> None:
+        self.name, self._least = name, least
+        self._low, self._high, self._step = low, high, step
+        self._given, self._acting = Window(30 * _SECOND), Window(30 * _SECOND)
+        self._stuck, self._limited = Window(30 * _SECOND), Window(60 * _SECOND)
+        self._normal: list[float] = []
+
+    def push(self, given: float, acting: float) -> None:
+        """Take the command for the step that ended, and where the drive is."""
+        before = self._acting.values(1)[0] if len(self._acting) else acting
+        last = self._given.values(1)[0] if len(self._given) else given
+        # it stands still although the command is elsewhere
+        self._stuck.push(float(abs(given - acting) > self._least and abs(acting - before) < 0.05 * self._least))
+        at_bound = not self._low + 1e-6 < given < self._high - 1e-6
+        self._limited.push(float(at_bound or abs(given - last) >= self._step - 1e-6))
+        self._given.push(given)
+        self._acting.push(acting)
+
+    def forget(self) -> None:
+        """Another controller commands: how much it moves is not known yet."""
+        self._normal.clear()
+
+    def figures(self, calm_s: float) -> dict[str, float]:
+        """Figures at a second; ``calm_s`` is how long the set-points have stood."""
+        if not self._given.full:
+            return {}
+        name, given, acting = self.name, self._given.values(), self._acting.values()
+        found = {f"stiction_{name}": float(self._stuck.values().mean())}
+        moves = np.abs(np.diff(given))
+        if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
+            delay, _ = best_delay(given, acting, 15)
+            found[f"lag_{name}"] = TICK_S * delay
+        if self._limited.full:
+            found[f"saturation_{name}"] = float(self._limited.values().mean())
+        if calm_s > 60.0:
+            moved = float(np.median(moves)) + 1e-6
+            if len(self._normal) < 30:
+                self._normal.append(moved)
+            else:
+                found[f"movement_{name}"] = moved / max(float(np.median(self._normal)), 0.01 * self._least)
+        return found
+
+
+class LoopWatch:
+    """The error of a controlled value: does it swing, and could it be smaller?"""
+
+    #: samples of the error that make one, and how many are looked at
+    EVERY, SIZE = 5, 240
+
+    def __init__(self, name: str, dead_time_s: float) -> None:
+        self.name = name
+        self._delay = max(1, round(dead_time_s / (self.EVERY * TICK_S)) + 1)
+        self._window, self._sum, self._n = Window(self.SIZE), 0.0, 0
+        self.period_s = self.amplitude = nan
+
+    def push(self, error: float) -> None:
+        """Take the error; NaN without a set-point."""
+        if not isfinite(error):
+            return
+        self._sum, self._n = self._sum + error, self._n + 1
+        if self._n == self.EVERY:
+            self._window.push(self._sum / self._n)
+            self._sum, self._n = 0.0, 0
+
+    def figures(self, calm_s: float, noise: float) -> dict[str, float]:
+        """Figures, once the whole window is of a loop that has settled; ``noise`` is the sensor's."""
+        step_s = self.EVERY * TICK_S
+        if not self._window.full or calm_s < self.SIZE * step_s + _SETTLED_S:
+            return {}
+        errors = self._window.values()
+        swing = oscillation(errors, step_s)
+        self.period_s, self.amplitude = swing.period_s, swing.amplitude
+        found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * noise else 0.0}
+        # a loop whose error is the sensor's noise cannot be better
+        at_best = float(errors.var()) < 4.0 * noise**2 / self.EVERY
+        found[f"poor_control_{self.name}"] = 0.0 if at_best else 1.0 - harris_index(errors, self._delay)
+        return found
+
+
+class InnovationWatch:
+    """Residual of an equation less its running mean: is it as small, and as white, as at the begin of the weld?"""
+
+    _FOLLOW = 1.0 - exp(-TICK_S / 2.0)
+
+    def __init__(self, name: str) -> None:
+        self.name, self._window = name, Window(30 * _SECOND)
+        self._mean = nan
+        self._learnt: list[float] = []
+
+    def push(self, residual: float) -> None:
+        """Take a residual."""
+        if not isfinite(self._mean):
+            self._mean = residual
+        self._window.push(residual - self._mean)
+        self._mean += self._FOLLOW * (residual - self._mean)
+
+    def figures(self, time_s: float) -> dict[str, float]:
+        """Figures at a second."""
+        if not self._window.full:
+            return {}
+        values = self._window.values()
+        variance = float(values.var())
+        if time_s <= LEARN_S:
+            self._learnt.append(variance)
+            return {}
+        normal = float(np.median(self._learnt)) if self._learnt else 0.0
+        if normal <= 0.0:
+            return {}
+        return {
+            f"innovation_size_{self.name}": variance / normal,
+            f"innovation_colour_{self.name}": ljung_box(values),
+        }
+
+
+class ModelWatch:
+    """Residuals, second by second: their levels and slopes against those at the begin of the weld, and the gains."""
+
+    def __init__(self, dead_time_s: float) -> None:
+        size = round(LEARN_S)
+        self._seconds = {name: Window(max(size, _SLOPE_S)) for name in ("torque", "depth", "heat", "ratio")}
+        self._ticks = {name: Window(_SECOND) for name in self._seconds}
+        self._normal: dict[str, float] = {}
+        offsets = (0.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)
+        self._nominal_s = dead_time_s
+        self.heat = GainEstimate(tuple(dead_time_s + one for one in offsets), 0.7, 0.15)
+        self.depth = GainEstimate((0.0,), 0.02, 0.003)
+        self.levels: dict[str, float] = {}  #: of torque [N m] and heat [degC], slope of depth [mm/s]; NaN before
+        self._adrift = 0.0
+        self._before: tuple[float, float] | None = None
+        self._depth_gain = 1.0
+        self.torque_ratio = nan  #: measured torque of the process over the model's
+        self.gains: dict[str, Gain] = {}
+
+    def push(self, now: Residuals) -> None:
+        """Take the residuals of a tick."""
+        self._ticks["torque"].push(now.torque_nm)
+        if self._before is not None:
+            # with the gain that the weld has, so that a set-point's step is no drift
+            self._adrift += now.sunk_mm - self._before[0] - self._depth_gain * (now.pressed_mm - self._before[1])
+        self._before = now.sunk_mm, now.pressed_mm
+        self._ticks["depth"].push(self._adrift)
+        self._ticks["heat"].push(now.heat_c)
+        self._ticks["ratio"].push(1.0 + now.torque_nm / now.model_torque_nm)
+        self.heat.step(now.heated_c, now.rise_c)
+        self.depth.step(now.pressed_mm, now.sunk_mm)
+
+    def second(self, time_s: float) -> None:
+        """A second is over: its medians count."""
+        for name, window in self._ticks.items():
+            self._seconds[name].push(float(np.median(window.values())))
+        depth = self._seconds["depth"].values(_SLOPE_S)
+        now = {
+            "torque": float(np.median(self._seconds["torque"].values(_LEVEL_S))),
+            "heat": float(np.median(self._seconds["heat"].values(_LEVEL_S))),
+            "depth": robust_slope(depth, 1.0, _SPAN_S),
+        }
+        self.torque_ratio = float(np.median(self._seconds["ratio"].values(_LEVEL_S)))
+        if time_s <= LEARN_S:
+            self._normal = {
+                "torque": float(np.median(self._seconds["torque"].values())),
+                "heat": float(np.median(self._seconds["heat"].values())),
+                "depth": robust_slope(self._seconds["depth"].values(), 1.0, 2 * _SPAN_S),
+            }
+            self.levels = dict.fromkeys(now, nan)
+        else:
+            self.levels = {name: value - self._normal[name] for name, value in now.items()}
+
+    def estimate(self) -> None:
+        """Estimate the gains."""
+        self.gains = {"heat": self.heat.estimate(), "depth": self.depth.estimate()}
+        depth = self.gains["depth"]
+        if depth.excited and depth.error < _KNOWN:
+            self._depth_gain = min(max(depth.gain, 0.5), 2.0)
+
+    def figures(self) -> dict[str, float]:
+        """Figures at a second."""
+        found = {f"drift_{name}": abs(value) for name, value in self.levels.items() if isfinite(value)}
+        if "drift_depth" in found:
+            found["drift_depth"] *= 60e3  # um/min
+        if isfinite(self.torque_ratio):
+            found["gain_torque"] = 100.0 * abs(self.torque_ratio - 1.0)
+        for name, gain in self.gains.items():
+            if gain.excited:
+                found[f"gain_{name}"] = 100.0 * max(abs(gain.gain - 1.0) - 2.0 * gain.error, 0.0)
+        heat = self.gains.get("heat")
+        if heat is not None and heat.excited:
+            found["dead_time"] = heat.worse if abs(heat.dead_time_s - self._nominal_s) > _DEAD_TIME_S else 0.0
+        return found

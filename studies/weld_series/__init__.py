@@ -1,0 +1,1 @@
+"""Sixty canisters welded one after another, and what their history tells."""
