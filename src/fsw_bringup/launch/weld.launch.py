@@ -128,10 +128,7 @@ def weld(context: LaunchContext) -> list[Any]:
         controllers = graph.all_controllers
         parameters = _parameters_of_scenario(graph, scenario, folder, speed)
     if arguments["bag_dir"]:
-        bag = Path(arguments["bag_dir"]).expanduser()
-        if record and bag.exists():
-            raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
-        parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
+        _record_into(Path(arguments["bag_dir"]).expanduser(), record, parameters)
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     clock = {} if speed is None else {"use_sim_time": True}
@@ -160,6 +157,13 @@ def weld(context: LaunchContext) -> list[Any]:
     else:
         actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:
+    """Choose the bag's folder; RuntimeError when it is there already."""
+    if record and bag.exists():
+        raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
+    parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
 
 
 def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
