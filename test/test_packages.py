@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import fsw
 from fsw_control import weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ProcessModel, nominal
@@ -287,8 +288,8 @@ def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None
     [maintainer], author = root.findall("maintainer"), root.find("author")
     assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
     assert author is not None and [{"name": author.text}] == project["authors"]
-    assert root.findtext("license") == project["license"]["text"]
-    assert root.findtext("version") == project["version"]
+    assert root.findtext("license") == project["license"]
+    assert root.findtext("version") == fsw.__version__
     assert root.findtext("url") == project["urls"]["Homepage"]
 
 

@@ -246,6 +246,20 @@ def test_two_nodes_of_one_name_share_a_publisher(capfd: pytest.CaptureFixture[st
     assert ([message.msg for message in one], [message.msg for message in two]) == (["a"], ["b"])
 
 
+def test_after_the_last_context_a_name_is_free_again(capfd: pytest.CaptureFixture[str]) -> None:
+    system.configure(parse([]))
+    one, two = [], []
+    system.attach("again", one.append)
+    system.finish()
+    system.configure(parse([]))
+    system.attach("again", two.append)
+    assert capfd.readouterr().err == ""
+    system.detach("again", one.append)
+    get_logger("again").info("a")
+    system.detach("again", two.append)
+    assert (one, [message.msg for message in two]) == ([], ["a"])
+
+
 def test_log_directory(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ROS_LOG_DIR", "ROS_HOME"):
         monkeypatch.delenv(name, raising=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis.figure_style import CONTROLLER_COLOURS, colours_of
-from fsw_analysis.figures import Run, draw, draw_open_loop, draw_whole_weld
+from fsw_analysis.figures import Run, draw, draw_open_loop, draw_whole_weld, page
 from fsw_analysis.signals import load_weld
 
 
@@ -57,36 +57,28 @@ def test_open_loop(tmp_path):
     assert is_png(tmp_path / "a.png")
 
 
-def drawn(monkeypatch, runs, folder):
-    """The axes of the overview of some runs."""
-    found = []
-    monkeypatch.setattr("fsw_analysis.figures._finish", lambda figure, axes, path: found.extend(axes))
-    draw(runs, (), folder)
-    return found
-
-
-def test_a_controller_has_one_colour_wherever_it_stands(weld, tmp_path, monkeypatch):
+def test_a_controller_has_one_colour_wherever_it_stands(weld):
     def colour(label, *labels):
-        axes = drawn(monkeypatch, [Run(one, weld) for one in labels], tmp_path)
+        axes = page([Run(one, weld) for one in labels]).axes
         return next(line.get_color() for line in axes[2].get_lines() if line.get_label() == label)
 
     for label in ("nmpc", "decentral:tight", "mine"):
         assert colour(label, "decentral", label) == colour(label, label, "decentral") == colours_of([label])[0]
     assert colours_of(["nmpc", "nmpc:default"])[0] != colours_of(["nmpc", "nmpc:default"])[1]
     by_source = dataclasses.replace(weld, command_source=np.full(weld.n_ticks, "nmpc", dtype=object))
-    axes = drawn(monkeypatch, [Run("bag_1", by_source)], tmp_path)
+    axes = page([Run("bag_1", by_source)]).axes
     assert axes[2].get_lines()[0].get_color() == CONTROLLER_COLOURS["nmpc"]
 
 
-def test_the_more_restless_of_two_lies_below_and_is_wider(weld, tmp_path, monkeypatch):
+def test_the_more_restless_of_two_lies_below_and_is_wider(weld):
     restless = dataclasses.replace(weld, force_kn=weld.force_kn + np.arange(weld.n_ticks) % 2)
     for runs in ([Run("a", restless), Run("b", weld)], [Run("b", weld), Run("a", restless)]):
-        lines = {line.get_label(): line for line in drawn(monkeypatch, runs, tmp_path)[3].get_lines()}
+        lines = {line.get_label(): line for line in page(runs).axes[3].get_lines()}
         assert lines["a"].get_zorder() < lines["b"].get_zorder()
         assert lines["a"].get_linewidth() > lines["b"].get_linewidth()
 
 
-def test_what_happens_is_marked_at_its_time_on_every_axis(weld, tmp_path, monkeypatch):
+def test_what_happens_is_marked_at_its_time_on_every_axis(weld):
     def stepped(values, *ticks):
         return np.asarray(values) + np.isin(np.arange(weld.n_ticks), ticks).cumsum()
 
@@ -104,7 +96,7 @@ def test_what_happens_is_marked_at_its_time_on_every_axis(weld, tmp_path, monkey
         reference_depth_mm=stepped(nothing, 49),
         reference_temperature_c=np.full(weld.n_ticks, 850.0),
     )
-    for axis in drawn(monkeypatch, [Run("one", eventful)], tmp_path):
+    for axis in page([Run("one", eventful)]).axes:
         named = {line.get_label(): np.round(line.get_xdata(), 6).tolist() for line in axis.get_lines()}
         assert named["set-point"] == [5.0] and named["disturbance"] == [10.0]
         assert named["fault on, off"] == [20.0, 25.0] and named["swap"] == [15.0, 15.0]

@@ -134,26 +134,18 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
-    watch = {"process": "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"}
-    parameters["fsw_monitor"] = {"ros__parameters": watch | ({} if speed is None else {"use_sim_time": True})}
-    page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi")}
+    clock = {} if speed is None else {"use_sim_time": True}
+    page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
+    process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
+    parameters["fsw_monitor"] = {"ros__parameters": {"process": process, **clock}}
     parameters["fsw_hmi"] = {"ros__parameters": page}
-    if speed is not None:
-        page["use_sim_time"] = True
     if arguments["autostart"] in FALSE:
         for name in MANAGED:
             parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"]["autostart"] = False
-    if arguments["procedure"]:
-        _by_procedure(arguments["procedure"], parameters, {} if speed is None else {"use_sim_time": True})
+    _by_procedure(arguments["procedure"], parameters, clock)
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
-    actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
-    if arguments["monitor"] in TRUE:
-        actions.append(node("fsw_quality", "monitor", **_respawn()))
-    if arguments["procedure"]:
-        actions.append(node("fsw_quality", "procedure", **_respawn()))
-    if arguments["hmi"] in TRUE:
-        actions.append(node("fsw_hmi", "hmi", **_respawn()))
+    actions = _beside_the_weld(node, arguments)
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))
     else:
@@ -168,6 +160,17 @@ def weld(context: LaunchContext) -> list[Any]:
     else:
         actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
+    """Nodes that record, watch and show the weld, as far as they are wanted."""
+    wanted = {
+        "recorder": ("fsw_recorder", arguments["record"] in TRUE),
+        "procedure": ("fsw_quality", bool(arguments["procedure"])),
+        "monitor": ("fsw_quality", arguments["monitor"] in TRUE),
+        "hmi": ("fsw_hmi", arguments["hmi"] in TRUE),
+    }
+    return [node(package, executable, **_respawn()) for executable, (package, on) in wanted.items() if on]
 
 
 def _respawn() -> dict[str, Any]:
@@ -276,6 +279,8 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
 
 def _by_procedure(source: str, parameters: dict[str, Any], clock: dict[str, Any]) -> None:
     """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
+    if not source:
+        return
     try:
         derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     except InputError as error:

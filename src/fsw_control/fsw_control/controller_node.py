@@ -26,7 +26,7 @@ from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
-from fsw_control.topics_ros import DISPLAY, LATEST, STREAM, subscribe_drives, subscribe_sensors
+from fsw_control.topics_ros import LATEST, STREAM, display_publisher, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
 
@@ -93,9 +93,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _open_topics(self) -> None:
         self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", STREAM)
         self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
-        self._predictions = self.create_publisher(
-            Prediction, f"fsw/{self._controller_name}/prediction", STREAM, qos_overriding_options=DISPLAY
-        )
+        self._predictions = display_publisher(self, Prediction, f"fsw/{self._controller_name}/prediction")
         self._diagnostics = DiagnosticsPublisher(self)
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)

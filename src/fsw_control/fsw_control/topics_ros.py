@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 from rclpy.node import Node
@@ -36,6 +37,14 @@ _MESSAGES: dict[str, tuple[Any, Callable[[float], float]]] = {
     "torque": (SpindleTorque, float),
     "thermocouple": (Temperature, float),
 }
+
+
+def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
+    """A publisher of what is only displayed; ``DISPLAY`` says what parameters may override.
+
+    It has a profile of its own, because genuine rclpy writes what is overridden into the one it is given.
+    """
+    return node.create_publisher(kind, topic, copy(STREAM), qos_overriding_options=DISPLAY)
 
 
 def sensor_publishers(node: Node) -> list[Publisher]:

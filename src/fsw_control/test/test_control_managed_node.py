@@ -57,7 +57,8 @@ def make():
 
 
 def entities(node):
-    return node.count_publishers("made"), len(list(node.timers)), node.count_publishers("half")
+    topics = [publisher.topic_name for publisher in node.publishers]
+    return topics.count("/made"), len(list(node.timers)), topics.count("/half")
 
 
 def test_what_a_transition_makes_its_opposite_destroys(make):

@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
@@ -22,7 +23,7 @@ from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import DISPLAY, LATEST, PLAYER_READY, STREAM, sensor_publishers
+from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
@@ -106,7 +107,7 @@ class PlantNode(ManagedNode):
         # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
         # the sensors are announced last, it then has the other topics of a tick, too.
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
-        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM, qos_overriding_options=DISPLAY)
+        self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
@@ -135,11 +136,7 @@ class PlantNode(ManagedNode):
     def _missing(self) -> list[str]:
         """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
-        missing = [
-            f"{wanted - count} more subscribers of {publisher.topic_name}"
-            for publisher in (self._depths, self._torques, self._temperatures)
-            if (count := publisher.get_subscription_count()) < wanted
-        ]
+        missing = _lacking((self._depths, self._torques, self._temperatures), wanted)
         # Lockstep cannot advance without a commanding node, and a tick without subscribers would have to be sent twice.
         if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
@@ -151,7 +148,7 @@ class PlantNode(ManagedNode):
 
     def _publish_tick(self) -> None:
         plant = self._plant
-        plant.measure(None if self._simulated else self._stamps.next(self._now_ns()))
+        plant.measure(None if self._simulated else self._stamps.next(self.get_clock().now().nanoseconds))
         self._pace.begin(time.monotonic())
         self._send()
         if (plant.watchdog.state, plant.stopped) != self._reported:
@@ -254,12 +251,12 @@ class PlantNode(ManagedNode):
         self._publish_reports([Report("clock", OK, STARTING, {})])
 
     def _report(self) -> None:
-        plant = self._plant
+        plant, mode = self._plant, _mode(self._speed, self._simulated)
         refused = plant.gate.total()
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
             [
-                reports.clock(self._mode(), self._running, self._stamps.jumps, self._pace.resent),
+                reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
                 reports.commands(plant.gate, new, self._writers.names, self._writers.strange()),
@@ -267,17 +264,9 @@ class PlantNode(ManagedNode):
             ]
         )
 
-    def _mode(self) -> str:
-        if self._lockstep:
-            return "lockstep"
-        return f"simulated time at speed {self._speed:g}" if self._simulated else "real time"
-
     def _publish_reports(self, lines: list[Report]) -> None:
         time_ns = self._plant.measure().stamp_ns if self._simulated and self._running else None
         self._diagnostics.publish(lines, time_ns)
-
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
 
     # ---------------------------------------------------------------- settings and services
 
@@ -300,6 +289,21 @@ class PlantNode(ManagedNode):
         self._plant.reconfigure(PlantConfig.from_values(values))
         if self.is_active:
             self._writers.set_sources()
+
+
+def _lacking(publishers: Sequence[Publisher], wanted: int) -> list[str]:
+    """Subscribers that are still to come, in words."""
+    return [
+        f"{wanted - count} more subscribers of {publisher.topic_name}"
+        for publisher in publishers
+        if (count := publisher.get_subscription_count()) < wanted
+    ]
+
+
+def _mode(speed: float, simulated: bool) -> str:
+    if speed == 0.0:
+        return "lockstep"
+    return f"simulated time at speed {speed:g}" if simulated else "real time"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -218,7 +218,6 @@ def attest(
                     f"{bag}: is in {chain_folder} already, as weld {entry.content.number} ({entry.content.bag})"
                 )
             return _end(bag, text, entry)
-        _replace(bag / MANIFEST_NAME, text)
         last = chain.entries[-1] if chain.entries else None
         made = Attestation(
             number=chain.next_number,
@@ -234,15 +233,18 @@ def attest(
             notes=tuple(notes),
             attested_at=now.isoformat(timespec="seconds"),
         )
-        entry_path = chain_folder / f"{made.number:06d}.json"
-        content = made.text()
-        signed = signature.sign(content.encode(), key)
-        # the signature first: an attestation without one is never seen
-        _replace(entry_path.with_name(entry_path.name + signature.SUFFIX), signed)
-        _replace(entry_path, content)
-        _replace(bag / ATTESTATION_NAME, content)
-        _replace(bag / (ATTESTATION_NAME + signature.SUFFIX), signed)
+        _write(bag, chain_folder / f"{made.number:06d}.json", text, made.text(), key)
     return made
+
+
+def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519PrivateKey) -> None:
+    """Write manifest, attestation and signature; the signature first: an attestation without one is never seen."""
+    signed = signature.sign(text.encode(), key)
+    _replace(bag / MANIFEST_NAME, manifest_text)
+    _replace(signature.signature_path(entry), signed)
+    _replace(entry, text)
+    _replace(bag / ATTESTATION_NAME, text)
+    _replace(bag / (ATTESTATION_NAME + signature.SUFFIX), signed)
 
 
 def _end(bag: Path, manifest_text: str, entry: Signed) -> Attestation:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import nan
 from typing import NamedTuple
@@ -211,7 +211,7 @@ class WeldPlayer:
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         if self._programme is not None:
             machine, self._stamp_ns = self._programme.machine, stamp_ns
-            jumped = machine.follow(self._tick, self._reading_c(stamp_ns))
+            jumped = machine.follow(self._tick, _reading_c(self._shown, stamp_ns))
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
             if jumped and self._course.followed:
@@ -253,24 +253,13 @@ class WeldPlayer:
 
     def _feed_back(self, stamp_ns: int) -> None:
         """Report the progress of a scenario without phases, when it is due."""
-        done = self._tick >= self.scenario.n_ticks
-        if not done and 0 < self._tick - self._fed < TICKS_PER_REPORT:
+        left = max(self.scenario.n_ticks - self._tick, 0)
+        if left and 0 < self._tick - self._fed < TICKS_PER_REPORT:
             return
-        self._fed, planned = self._tick, self._course.programme_at(self._tick)
-        self._tell(
-            WeldProgress(
-                header=convert.header(stamp_ns),
-                state=str(State.ABORTED if self._aborted else State.DONE if done else State.RUNNING),
-                time_left=max(self.scenario.n_ticks - self._tick, 0) * TICK_S,
-                depth=units.m_from_mm(planned.depth_mm),
-                temperature=planned.temperature_c,
-            )
-        )
-
-    def _reading_c(self, stamp_ns: int) -> float:
-        """The thermocouple's reading some ticks ago; NaN where it is unknown."""
-        known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
-        return next((value for at_ns, value in reversed(self._shown) if at_ns <= known_ns), nan)
+        self._fed = self._tick
+        state = State.RUNNING if left else State.DONE
+        planned = self._course.programme_at(self._tick)
+        self._tell(_progress(stamp_ns, State.ABORTED if self._aborted else state, left, planned))
 
     def _report(self, finished: bool) -> None:
         tick, wall_s = min(self._tick, self.scenario.n_ticks), time.monotonic() - self._began_s
@@ -323,3 +312,20 @@ class WeldPlayer:
         if not self.finished:
             self.finished = True
             self._over(Outcome(verdict, message))
+
+
+def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
+    """The thermocouple's reading some ticks ago; NaN where it is unknown."""
+    known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
+    return next((value for at_ns, value in reversed([*shown]) if at_ns <= known_ns), nan)
+
+
+def _progress(stamp_ns: int, state: State, ticks_left: int, planned: Reference) -> WeldProgress:
+    """The progress of a scenario without phases."""
+    return WeldProgress(
+        header=convert.header(stamp_ns),
+        state=str(state),
+        time_left=ticks_left * TICK_S,
+        depth=units.m_from_mm(planned.depth_mm),
+        temperature=planned.temperature_c,
+    )

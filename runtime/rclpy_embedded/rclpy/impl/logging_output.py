@@ -109,9 +109,10 @@ class LoggingSystem:
         self.rosout_enabled = arguments.rosout_logs
 
     def finish(self) -> None:
-        """Return to console output only; called after the last context."""
+        """Return to console output only, and forget what published to /rosout; called after the last context."""
         self.stdout_enabled = True
         self.rosout_enabled = False
+        self._publishers, self._children = {}, {}
 
     def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
         """Publish the messages of a node's logger and of the children it will have through `publish`."""
