@@ -21,6 +21,7 @@ FILES = {
     "fsw_recorder": [("fsw_recorder", "recorder.yaml")],
     "fsw_replay": [("fsw_recorder", "replay.yaml")],
     "fsw_scenario": [("fsw_scenario", "player.yaml")],
+    "fsw_monitor": [("fsw_quality", "monitor.yaml")],
     "fsw_hmi": [("fsw_hmi", "hmi.yaml")],
 }
 SECTIONS = yaml.safe_load((CONFIG / "weld.yaml").read_text(encoding="utf-8"))
