@@ -153,13 +153,22 @@ def meanings(model: type[Model]) -> dict[str, str]:
 
 
 def messages() -> dict[str, str]:
-    """A page of the definitions of the messages, one of the services, one of the actions."""
+    """Pages of the definitions: messages of control, those of operation and quality, services, actions."""
+    folder = WORKSPACE / "src/fsw_msgs"
+    watching = ("AlarmEvent", "OperatorAction", "WeldHealth", "WeldKpi", "WeldProgress")
+    all_messages = sorted((folder / "msg").glob("*.msg"))
+    groups = {
+        "messages": ("Messages", [path for path in all_messages if path.stem not in watching]),
+        "messages-watch": ("Messages of operation and quality", [folder / "msg" / f"{name}.msg" for name in watching]),
+        "services": ("Services", sorted((folder / "srv").glob("*.srv"))),
+        "actions": ("Actions", sorted((folder / "action").glob("*.action"))),
+    }
     pages = {}
-    for kind, name in (("msg", "messages"), ("srv", "services"), ("action", "actions")):
-        lines = [f"The {name} of `fsw_msgs`, with their comments. Units are SI."]
-        for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
+    for name, (heading, paths) in groups.items():
+        lines = ["Definitions in `fsw_msgs`, with their comments. Units are SI."]
+        for path in paths:
             lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
-        pages[name] = page(name.capitalize(), *lines)
+        pages[name] = page(heading, *lines)
     return pages
 
 
@@ -275,14 +284,14 @@ def command_line() -> dict[str, str]:
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     nodes = ("param", "lifecycle", "hmi")
     running = tuple(one for one in list(verbs)[: len(RUNNING)] if one not in nodes)  # each module adds one
-    quality = ("procedure", "record")
+    quality = ("procedure", "record", "monitor", "history")
     whole = ("demo", "node", "completion")
     studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
         "command-line-nodes": ("Command line: nodes and the page", nodes),
         "command-line-studies": ("Command line: simulate, study, export", studies),
-        "command-line-quality": ("Command line: procedures, records", quality),
+        "command-line-quality": ("Command line: procedures, records, monitoring", quality),
         "command-line-demo": ("Command line: demonstration, nodes, completion", whole),
         "command-line-bags": ("Command line: bags", ("bag",)),
     }
