@@ -1,7 +1,7 @@
 """Set-points of a programme over any sequence of holds, resumes and set-points by hand."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
@@ -129,6 +129,7 @@ actions = st.one_of(
 @pytest.mark.requirement("S29")
 @settings(max_examples=60)
 @given(st.lists(actions, max_size=12))
+@example([81, 150, 150, 150, 150, (2.5, 800.0, False)])  # the way back is longer than what is left of the programme
 def test_set_points_in_force_move_at_the_permitted_rates_unless_by_a_step_by_hand(sequence):
     weld, stepped = Weld(), False
     before = weld.in_force
@@ -151,4 +152,4 @@ def test_set_points_in_force_move_at_the_permitted_rates_unless_by_a_step_by_han
             after = weld.tick()
             assert not moved_too_fast(before, after)
             before = after
-        assert after == weld.programme
+        assert after == weld.programme or weld.machine.state == "done"
