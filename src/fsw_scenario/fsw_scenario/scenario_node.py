@@ -157,7 +157,8 @@ class ScenarioNode(Node):
             raise InputError(f"{scenario.name} {what}: controllers and plant must be started with it")
         for_plant = [event for event in scenario.events if event.plant_event() is not None]
         if for_plant and not emulator_listens(self):
-            raise InputError(f"{scenario.name} has disturbances or faults, which need the emulated plant")
+            what = "has disturbances or faults, which need the emulated plant, and none is found"
+            raise InputError(f"{scenario.name} {what}; where it has just been started, send the goal again in a second")
         return scenario
 
     def _on_accepted(self, handle: Any) -> None:

@@ -190,14 +190,19 @@ def test_cancellation_is_refused(pair: Callable[..., Pair]) -> None:
     assert ended.return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
 
 
-def test_whom_a_request_cancels(pair: Callable[..., Pair]) -> None:
-    waiting = Waiting()
+def test_whom_a_request_cancels(node: Any, pair: Callable[..., Pair]) -> None:
+    waiting, statuses = Waiting(), list[GoalStatusArray]()
+    topic = "fibonacci/_action/status"
+    node.create_subscription(GoalStatusArray, topic, statuses.append, qos_profile_action_status_default)
     action = pair(**waiting.options())
     handles = [action.goal() for _ in range(3)]
-    assert action.spinner.until(lambda: len(waiting.goals) == 3)
+    assert action.spinner.until(lambda: len(waiting.goals) == 3 and statuses and len(statuses[-1].status_list) == 3)
+    # rcl_action 9.2.0 stamps a goal anew when it is accepted, so the stamp of the handle is a bit older
+    infos = [status.goal_info for status in statuses[-1].status_list]
+    (stamp,) = [info.stamp for info in infos if list(info.goal_id.uuid) == list(handles[1].goal_id.uuid)]
     unknown = action.cancel(goal_id=UUID(uuid=[7] * 16))
     assert unknown.return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
-    until = action.cancel(stamp=handles[1].stamp)
+    until = action.cancel(stamp=stamp)
     ids = [list(info.goal_id.uuid) for info in until.goals_canceling]
     assert ids == [list(handle.goal_id.uuid) for handle in handles[:2]]
     others = action.cancel()
@@ -236,7 +241,9 @@ def test_the_same_goal_is_accepted_once(pair: Callable[..., Pair]) -> None:
     assert not action.goal(goal_uuid=uuid).accepted
 
 
-def test_results_expire(node: Any, pair: Callable[..., Pair]) -> None:
+def test_results_expire(node: Any, pair: Callable[..., Pair], genuine: bool) -> None:
+    if genuine:
+        pytest.skip("before rcl_action 9.2.7 it counts from the acceptance of the goal, which a busy machine exceeds")
     statuses: list[GoalStatusArray] = []
     node.create_subscription(
         GoalStatusArray, "fibonacci/_action/status", statuses.append, qos_profile_action_status_default
@@ -265,7 +272,7 @@ def test_a_long_goal_keeps_its_result(node: Any, pair: Callable[..., Pair], genu
     assert action.value(goal_handle.get_result_async()).status == GoalStatus.STATUS_SUCCEEDED
 
 
-def test_wrong_types(node: Any, pair: Callable[..., Pair]) -> None:
+def test_wrong_types(node: Any, pair: Callable[..., Pair], genuine: bool) -> None:
     raised: list[type] = []
 
     def execute(goal_handle: ServerGoalHandle) -> Any:
@@ -286,8 +293,9 @@ def test_wrong_types(node: Any, pair: Callable[..., Pair]) -> None:
     assert raised == [TypeError]
     with pytest.raises(TypeError, match="not callable"):
         ActionServer(node, Fibonacci, "other", None)
-    with pytest.raises((AttributeError, RuntimeError)):
-        ActionClient(node, Fibonacci.Goal, "other")
+    if not genuine:  # ends with a segmentation fault
+        with pytest.raises((AttributeError, RuntimeError)):
+            ActionClient(node, Fibonacci.Goal, "other")
 
 
 def test_blocking_calls_from_another_thread(context: Any, node: Any) -> None:
@@ -351,7 +359,7 @@ def test_goals_execute_side_by_side(context: Any, node: Any) -> None:
     assert sorted(len(result.result.sequence) for result in results) == [2, 3, 4]
 
 
-def test_a_late_subscription_learns_the_status(node: Any, pair: Callable[..., Pair]) -> None:
+def test_a_late_subscription_learns_the_status(node: Any, pair: Callable[..., Pair], genuine: bool) -> None:
     action = pair()
     goal_handle = action.goal()
     action.value(goal_handle.get_result_async())
@@ -360,7 +368,7 @@ def test_a_late_subscription_learns_the_status(node: Any, pair: Callable[..., Pa
     assert action.spinner.until(lambda: got)
     (status,) = got[0].status_list
     assert (status.goal_info.goal_id, status.status) == (goal_handle.goal_id, GoalStatus.STATUS_SUCCEEDED)
-    assert status.goal_info.stamp == goal_handle.stamp
+    assert genuine or status.goal_info.stamp == goal_handle.stamp  # rcl_action 9.2.0 stamps it anew
 
 
 def test_no_server(node: Any, pair: Callable[..., Pair], wait_until: Callable[..., bool]) -> None:
