@@ -181,6 +181,8 @@ def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.Capture
     assert "REJECT" in capsys.readouterr().out
     assert run(*arguments) == 1
     assert "record.json exists; choose another name, or give --force" in capsys.readouterr().err
+    assert run(tmp_path / "weld", *arguments, "--force") == 1
+    assert "one of the bags is given twice" in capsys.readouterr().err
     assert run(*arguments, "--force") == 0
     operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
     assert operators == ["anna (3f2a)"]
