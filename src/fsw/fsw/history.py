@@ -20,6 +20,8 @@ from fsw_analysis.bag_labels import labels
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
 from fsw_quality.process_of_weld import process_of
+from fsw_quality.record import files_of
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_schema.models import InputError
 
@@ -64,22 +66,27 @@ def _history() -> Any:
     return history
 
 
-def _verdict(file: Path | None, bags: int) -> str:
+def _verdict(file: Path | None, bags: list[Path]) -> str:
     if file is None:
         return ""
-    if bags > 1:
+    if len(bags) > 1:
         raise CommandError("history add: --record is of one weld; give one bag")
     try:
-        return str(json.loads(file.read_text(encoding="utf-8"))["verdict"])
+        record = json.loads(file.read_text(encoding="utf-8"))
+        verdict = str(record["verdict"])
+        judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
     except OSError as error:
         raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
         raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
+    if judged and not judged & {one.sha256 for one in files_of(bags[0])}:
+        raise CommandError(f"{file}: is the record of another weld; none of its files is in {bags[0]}")
+    return verdict
 
 
 def _add(arguments: argparse.Namespace) -> int:
     history = _history()
-    verdict = _verdict(arguments.record, len(arguments.bag))
+    verdict = _verdict(arguments.record, arguments.bag)
     rows = []
     for name, bag in zip(labels(arguments.bag), arguments.bag, strict=True):
         signals = read_weld(bag)

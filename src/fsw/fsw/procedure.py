@@ -11,7 +11,10 @@ from fsw.errors import CommandError
 from fsw.keys import add_private_key, private_key
 from fsw.options import add_force
 from fsw.outputs import check_new, write_text
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import Procedure, differences, load, shipped
+from fsw_quality.procedure_limits import node_parameters
 from fsw_quality.signature import load_private, load_public, sign, signature_path, verify_file
 from fsw_schema.models import content_of, validate
 
@@ -50,6 +53,7 @@ def _check(arguments: argparse.Namespace) -> int:
     signer = verify_file(Path(arguments.procedure), [load_public(path) for path in arguments.key] or None)
     if arguments.key and signer is None:
         raise CommandError(f"{arguments.procedure}: is not signed; 'fsw.py procedure sign' signs it")
+    node_parameters(procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     print(_identity(procedure))
     print(f"signed by key {signer.fingerprint}" if signer else "not signed")
     return 0

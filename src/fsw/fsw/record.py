@@ -42,6 +42,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
     procedure = load(arguments.procedure)
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
+    if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
+        raise CommandError("record: one of the bags is given twice")
     several = len(bags) > 1
     folders = {
         name: arguments.out / name.replace("/", "_").replace(" ", "_") if several else arguments.out for name in bags

@@ -32,6 +32,16 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
     assert "cannot read procedure" in error and "copper_lid" in error and error.count("\n") == 1
 
 
+def test_limits_that_the_drives_cannot_keep_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before a weld: otherwise the supervisor would not start."""
+    other = tmp_path / "other.yaml"
+    text = SHIPPED.read_text(encoding="utf-8")
+    other.write_text(text.replace("min: 60.0\n    max: 97.0", "min: 10.0\n    max: 20.0"), encoding="utf-8")
+    assert main(["procedure", "check", str(other)]) == 1
+    error = capsys.readouterr().err
+    assert "force_kn leave nothing of what the drives can do" in error and error.count("\n") == 1
+
+
 def test_a_signed_revision_is_not_edited_unnoticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,9 +13,11 @@ import yaml
 
 from fsw.main import main
 from fsw_quality import procedure
+from fsw_quality.attestation import manifest_for
 from fsw_quality.record import Record, make
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.waiting import wait_until
 
@@ -156,6 +158,22 @@ def test_what_has_no_record_is_said_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None:
+    """E.g. with the manifest of another canister."""
+    values = procedure.load("copper_lid")
+    texts = {}
+    for canister in ("one", "other"):
+        write_programme_weld(tmp_path / canister / "bag", phases=2 if canister == "one" else 1)
+        texts[canister] = manifest_for(tmp_path / canister / "bag")[1]
+    bag = tmp_path / "one" / "bag"
+    for canister, told in (("one", False), ("other", True)):
+        (bag / MANIFEST_NAME).write_text(texts[canister], encoding="utf-8")
+        found = make(bag, values)[0]
+        [rule] = [one for one in found.rules if one.name == "recording"]
+        assert ("bag_0.mcap" in rule.figure) is told
+        assert any("not as manifest.json has it" in one for one in found.cannot_say) is told
+
+
 def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_programme_weld(tmp_path / "weld")
     arguments = (tmp_path / "weld", "--procedure", "copper_lid", "--out", tmp_path / "out")
@@ -163,6 +181,8 @@ def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.Capture
     assert "REJECT" in capsys.readouterr().out
     assert run(*arguments) == 1
     assert "record.json exists; choose another name, or give --force" in capsys.readouterr().err
+    assert run(tmp_path / "weld", *arguments, "--force") == 1
+    assert "one of the bags is given twice" in capsys.readouterr().err
     assert run(*arguments, "--force") == 0
     operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
     assert operators == ["anna (3f2a)"]

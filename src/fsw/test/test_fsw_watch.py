@@ -26,6 +26,10 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
     assert main(["history", "add", str(folder), str(BAG)]) == 0
     assert main(["history", "add", str(folder), str(BAG)]) == 1
     assert "twice" in capsys.readouterr().err
+    record = tmp_path / "record.json"
+    record.write_text('{"verdict": "accept", "files": [{"name": "bag_0.mcap", "sha256": "0"}]}', encoding="utf-8")
+    assert main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1
+    assert "is the record of another weld" in capsys.readouterr().err
     assert main(["history", "report", str(folder)]) == 0
     assert (folder / "report.html").exists()
     assert main(["history", "diff", str(folder), BAG.name, BAG.name]) == 0

@@ -21,7 +21,7 @@ from fsw_quality import signature
 from fsw_quality.procedure import Identity
 from fsw_quality.signature import PublicKey
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME, Manifest, manifest_of, read_manifest, sha256
 from fsw_recorder.manifest_check import Finding, check_files, complete
@@ -202,8 +202,11 @@ def attest(
     BagError
         There is no bag, it is not what was recorded, or it is in the chain already.
     InputError
-        The chain is damaged.
+        The chain is damaged, or two documents have one name.
     """
+    names = [path.name for path in documents]
+    if doubled := next((one for one in names if names.count(one) > 1), None):
+        raise InputError(f"two of the files to attest have the name {doubled}, by which they are listed; rename one")
     manifest, text, notes = manifest_for(bag)
     if found := check_files(bag, manifest):
         raise BagError(f"{bag}: cannot be attested: {summary(found)}")
@@ -341,7 +344,9 @@ def verify_bag(
     except InputError as error:
         return None, [Finding(ATTESTATION_NAME, str(error).removeprefix(f"{bag / ATTESTATION_NAME}: "))]
     attested, found = signed.content, []
-    if not any((bag / name).exists() for name in attested.files_sha256 if name != METADATA_NAME):
+    listed = [name for name in attested.files_sha256 if name != METADATA_NAME]
+    others = any(path.name.endswith(SUFFIXES) and path.name not in listed for path in bag.iterdir())
+    if others and not any((bag / name).exists() for name in listed):
         of = ", ".join([f"bag {attested.bag}", *(f"{key} {value}" for key, value in attested.identity.items())])
         return attested, [Finding(ATTESTATION_NAME, f"is that of another weld ({of}): none of its files is here")]
     found += _other_identity(bag, attested)

@@ -18,6 +18,8 @@ from fsw_control.weld import TICK_S
 
 #: ticks that are put into one gap, so that a damaged stamp does not fill the memory
 _MOST_IN_A_GAP = 600
+#: ticks after a change at which its report may come into force, and most ticks between two reports of a tool that moves
+_LATE, _BETWEEN_REPORTS = 2, 11
 #: time over which the traverse speed is taken
 _APART_S = 5.0
 _OVER = ("weld done", "weld aborted")
@@ -123,18 +125,24 @@ def unusable_samples(course: Course) -> dict[str, dict[str, int]]:
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:
     """Position along the weld [mm] and traverse speed [mm/min] at the ticks, from the programme's reports.
 
-    They come each second and when the tool starts or stops. The stamp of a report is up to a tick off the position that
+    They come each second and when something begins or ends. The stamp of a report is up to a tick off the position that
     it tells, 10 % of a second's travel, so the speed is taken over some seconds between two of them.
     """
-    known = np.flatnonzero(np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + 1e-6))
+    known = np.flatnonzero(np.isfinite(signals.travel_mm) & (signals.time_s <= end_s + _LATE * TICK_S + 1e-6))
     if not known.size:
         return signals.travel_mm, signals.travel_mm
     changed_s = [begin_s for _, begin_s in signals.phases] + [
         one.time_s for one in signals.events if one.kind == "weld"
     ]
+    changed_s.append(end_s)
     turns = np.clip(np.searchsorted(signals.time_s, np.array(changed_s) - 1e-6), known[0], known[-1])
     moved = known[np.diff(signals.travel_mm[known], prepend=np.nan) != 0.0]
-    reports = np.unique([*moved, *turns, known[-1]])
+    # the report of a change may come into force after it; of a tool that moves, what is in force then is out of date
+    latest = moved[np.searchsorted(moved, turns + _LATE, side="right") - 1]
+    before = np.searchsorted(moved, turns, side="right") - 1  # 0: the first report, of a tool that has not moved yet
+    moving = (before > 0) & (turns - moved[before] <= _BETWEEN_REPORTS)
+    turns = np.where(moving, np.maximum(turns, latest), turns)
+    reports = np.unique([*moved[moved <= turns[-1]], *turns])
     rows = _apart(signals.time_s[reports], np.isin(reports, turns))
     at_s, at_mm = signals.time_s[reports][rows], signals.travel_mm[reports][rows]
     speed = np.append(np.diff(at_mm) / np.diff(at_s), 0.0)  # mm/s

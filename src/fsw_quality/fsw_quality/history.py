@@ -109,7 +109,10 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
             there = load(folder) if files else SCHEMA.empty_table()
             names = there["weld"].to_pylist() + [one["weld"] for one in rows]
             if doubled := sorted(_twice(names)):
-                raise InputError(f"{folder}: weld {doubled[0]} would be in the history twice; nothing is added")
+                raise InputError(
+                    f"{folder}: weld {doubled[0]} would be in the history twice; nothing is added. A weld has the name "
+                    "of its canister, else of its bag"
+                )
             fresh = pa.Table.from_pylist(list(rows), SCHEMA)
             joined = len(files) >= _MOST_FILES
             number = int(files[-1].stem) + 1 if files else 0
@@ -178,7 +181,8 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
     rows = []
     for name in (first, second):
         if name not in names:
-            raise InputError(f"weld {name} is not in the history; it has {', '.join(names[-5:])} and others before")
+            others = " and others before" if len(names) > 5 else ""
+            raise InputError(f"weld {name} is not in the history; it has {', '.join(names[-5:])}{others}")
         rows.append(names.index(name))
     before, after = (table.slice(i, 1).to_pylist()[0] for i in rows)
     texts = [

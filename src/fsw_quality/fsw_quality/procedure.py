@@ -255,8 +255,17 @@ class Procedure(Model):
         angles = [phase.to_deg for phase in self.phases if phase.to_deg is not None]
         if angles != sorted(set(angles)):
             raise problem("do not ascend in to_deg", "phases")
+        self._check_errors_may_be_zero()
         self._check_set_points_inside_limits()
         return self
+
+    def _check_errors_may_be_zero(self) -> None:
+        for key in ("essential", "quality"):
+            for row, limit in enumerate(getattr(self, key)):
+                if limit.variable in ("depth_error_mm", "temperature_error_c") and not (
+                    (limit.min is None or limit.min <= 0.0) and (limit.max is None or limit.max >= 0.0)
+                ):
+                    raise problem("is impossible: a weld at its set-points, error 0, is outside", key, row)
 
     def _check_set_points_inside_limits(self) -> None:
         for row, limit in enumerate(self.essential):

@@ -9,6 +9,7 @@ from typing import Any
 
 from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
 from fsw_recorder.after_recording import BAG
+from fsw_schema.models import InputError
 
 #: the supervisor's interlock against too low or too high values, by variable
 _LOW: dict[Variable, str] = {"temperature_c": "temperature_low"}
@@ -39,6 +40,11 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
     -------
     dict
         By node and parameter; what does not follow from the procedure is left out.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        Its limits leave nothing of what the drives can do.
     """
     return {"fsw_supervisor": _supervisor(procedure, supervisor), "fsw_hmi": _page(procedure)}
 
@@ -98,6 +104,13 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
             found[pattern.format("min")] = max(low, default[pattern.format("min")])
         if high is not None:
             found[pattern.format("max")] = min(high, default[pattern.format("max")])
+        bounds = [found.get(key, default[key]) for key in (pattern.format("min"), pattern.format("max"))]
+        if bounds[0] >= bounds[1]:
+            ends = [default[pattern.format(end)] for end in ("min", "max")]
+            raise InputError(
+                f"procedure {procedure.id}: essential limits of {variable} leave nothing of what the drives can do, "
+                f"{ends[0]:g} to {ends[1]:g}"
+            )
     return found
 
 

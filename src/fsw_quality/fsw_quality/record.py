@@ -17,7 +17,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
-from fsw_quality.attestation import IDENTITY, bag_name, software_versions
+from fsw_quality.attestation import IDENTITY, bag_name, software_versions, summary
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
@@ -28,6 +28,8 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import MANIFEST_NAME, read_manifest
+from fsw_recorder.manifest_check import check_files
 from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
@@ -181,6 +183,7 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
         There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
     """
     signals = load_weld(bag, progress)
+    signals.problems.extend(_not_as_recorded(bag))
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
         if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
@@ -196,7 +199,7 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
             f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
             "with a programme, or its own procedure"
         )
-    return assemble(signals, procedure, custom, _files(bag))
+    return assemble(signals, procedure, custom, files_of(bag))
 
 
 def assemble(
@@ -266,7 +269,18 @@ def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     return found
 
 
-def _files(bag: Path) -> tuple[BagFile, ...]:
+def _not_as_recorded(bag: Path) -> list[str]:
+    """What differs from the recorder's manifest, in one line; nothing where there is none."""
+    try:
+        manifest = read_manifest(bag) if bag.is_dir() else None
+        found = check_files(bag, manifest) if manifest else []
+    except BagError as error:
+        return [str(error)]
+    return [f"not as {MANIFEST_NAME} has it: {summary(found)}"] if found else []
+
+
+def files_of(bag: Path) -> tuple[BagFile, ...]:
+    """The files of a bag that a record names, with their hashes."""
     kinds = (*SUFFIXES, METADATA_NAME)
     paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
     found = []

@@ -120,6 +120,22 @@ def test_an_exchanged_bag_or_manifest_is_told(shop: Shop) -> None:
     assert "No such file" in shop.findings(3)[0]
 
 
+def test_a_lost_file_is_missing_not_another_weld(shop: Shop) -> None:
+    (shop.bag(2) / "weld_2_0.mcap").unlink()
+    assert shop.findings(2) == ["weld_2_0.mcap: is missing"]
+
+
+def test_documents_of_one_name_are_refused(shop: Shop) -> None:
+    """They are listed by their names, so only one of them would be signed for."""
+    files = [shop.folder / name / "record.json" for name in ("a", "b")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text("{}")
+    shop.weld(9)
+    with pytest.raises(InputError, match=r"two of the files to attest have the name record\.json"):
+        shop.attest(9, documents=files)
+
+
 def test_a_changed_attestation_is_told(shop: Shop) -> None:
     path = shop.bag(1) / ATTESTATION_NAME
     path.write_text(path.read_text().replace("C-1", "C-7"))

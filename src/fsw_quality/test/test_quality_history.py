@@ -56,7 +56,7 @@ def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path
     assert [one[0] for one in found] == ["tool", "swaps", history.NUMBERS["torque_nm"]]
     assert found[-1][3] > 10.0
     assert history.difference(history.load(tmp_path), "W00010", "W00010") == []
-    with pytest.raises(InputError, match="weld W99999 is not in the history"):
+    with pytest.raises(InputError, match=r"weld W99999 is not in the history; it has .* and others before"):
         history.difference(history.load(tmp_path), "W00010", "W99999")
 
 

@@ -38,6 +38,7 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
         ("phases.1.name", "dwell", "phases names dwell twice"),
         ("controllers.0.parameters_sha256", "abc", "is not a SHA-256"),
         ("sensors.0.calibration_due", "tomorrow", "not a date; write it in quotes"),
+        ("quality.0.min", 0.05, "quality[0] is impossible: a weld at its set-points, error 0, is outside"),
         ("sensors.0.name", "smell", "is 'smell', not a sensor; known: depth"),
         ("revison", "B", "revison is an unknown key; did you mean revision?"),
         ("format", "other", "format is 'other'"),

@@ -11,6 +11,7 @@ from fsw_quality import procedure
 from fsw_quality.procedure import Procedure
 from fsw_quality.procedure_limits import node_parameters
 from fsw_quality.procedure_watch import ProcedureWatch, tuning_sha256
+from fsw_schema.models import InputError
 from fsw_test_support.judged_weld import short_procedure
 
 SHIPPED = procedure.load("copper_lid")
@@ -56,6 +57,12 @@ def test_commands_are_narrowed_never_widened() -> None:
     default = SUPERVISOR
     assert found["limits.force_min_kn"] == 70.0 and found["limits.force_max_kn"] == default["limits.force_max_kn"]
     assert found["limits.speed_min_rpm"] == default["limits.speed_min_rpm"] and found["limits.speed_max_rpm"] == 450.0
+
+
+@pytest.mark.parametrize(("variable", "limits"), [("force_kn", {"max": 20.0}), ("speed_rpm", {"min": 600.0})])
+def test_limits_outside_of_the_drives_are_refused(variable: str, limits: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=f"{variable} leave nothing of what the drives can do"):
+        node_parameters(with_limits(essential(variable, **limits)), SUPERVISOR)
 
 
 def test_a_limit_of_some_phases_is_none_for_all() -> None:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
+from fsw_quality.course import course_of
 from fsw_quality.procedure import Procedure, digest
 from fsw_quality.record import Record, assemble
 from fsw_quality.verdict import Verdict
@@ -237,6 +238,20 @@ def test_where_an_exceedance_was() -> None:
     assert (found.extreme, found.beyond) == (915.0, 5.0)
     assert found.phases == ("joint_line",) and found.commanded_by == "decentral"
     assert found.angle_deg == pytest.approx((0.42, 0.50)) and found.travel_mm == pytest.approx((4.2, 5.0), abs=0.05)
+
+
+def test_the_traverse_speed_does_not_jump_where_a_phase_begins_in_motion() -> None:
+    """The report of the new phase comes into force a tick after it; the one before it is up to a second old."""
+    weld = good_weld()
+    reports = sorted([*range(DWELL, TICKS, 10), DWELL + 28, TICKS - 1])
+    at = np.searchsorted(np.array(reports) + 1, np.arange(1, TICKS + 1), side="right") - 1
+    weld.travel_mm = np.array([0.2 * (reports[one] - DWELL) if one >= 0 else 0.0 for one in at])
+    weld.angle_deg = 0.1 * weld.travel_mm
+    begin_s = 0.1 * (DWELL + 28)
+    weld.phases.append(("overlap", begin_s))
+    weld.events.insert(1, WeldEvent(begin_s, "phase", "phase overlap"))
+    speed = course_of(weld).values["traverse_mm_per_min"][DWELL:]
+    assert speed == pytest.approx(np.full(speed.size, 120.0), rel=0.1)
 
 
 def test_a_limit_of_a_phase_holds_there_only() -> None:
