@@ -27,6 +27,7 @@ import numpy as np
 import yaml
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from report import parser, save, show
+from scipy.stats import binomtest
 
 from fsw_plant import PlantConfig
 from fsw_plant.actuators import Actuator
@@ -354,6 +355,8 @@ def main():
         bad = [row for row in free if row["false"]]
         figures[f"{process}_welds_without_fault"] = len(free)
         figures[f"{process}_welds_with_false_alarm"] = len(bad)
+        most = binomtest(len(bad), len(free)).proportion_ci(0.95, method="wilson").high
+        figures[f"{process}_false_alarm_most_percent"] = 100.0 * float(most)
         figures[f"{process}_false_alarms"] = ", ".join(sorted({kind for row in bad for kind in row["false"]}))
         tables[process] = {case: summary(rows, process, case) for case in CASES}
         for case, found in tables[process].items():
