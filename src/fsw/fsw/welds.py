@@ -325,7 +325,7 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     >>> import fsw
     >>> fsw.read_bag("no_such_bag")
     Traceback (most recent call last):
-    fsw_recorder.errors.BagError: no_such_bag: not found
+    fsw_recorder.errors.BagError: no_such_bag: there is no such bag
     """
     signals = cut_to_scenario(load_weld(Path(bag), progress))
     return Weld(label or signals.path.name, signals)
