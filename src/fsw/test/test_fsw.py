@@ -236,3 +236,11 @@ def test_an_advised_command_has_the_name_that_the_user_types(capsys, monkeypatch
 
     assert exit_code(fail) in (1, 130)
     assert capsys.readouterr().err == f"{begin}no key; '{name} bag keygen' makes one\n"
+
+
+@pytest.mark.parametrize("name", ["fsw.py", "fsw"])
+@pytest.mark.parametrize("command", [("bag", "attest"), ("bag", "verify-evidence"), ("simulate",), ("tune",)])
+def test_help_names_commands_as_the_user_types_them(capsys, monkeypatch, name, command):
+    monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
+    _, printed, _ = run(capsys, *command, "--help")
+    assert f"{name} " in printed and ("fsw.py" in printed) == (name == "fsw.py")
