@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 
+from fsw.console import program
 from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
@@ -35,6 +36,11 @@ _SHOWN = (
 )
 
 
+def _said(error: BaseException) -> str:
+    """Text of an error in one line; commands that it advises have the name that the user types."""
+    return " ".join(str(error).split()).replace("fsw.py ", f"{program()} ")
+
+
 def exit_code(action: Callable[[], int]) -> int:
     """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
     try:
@@ -42,10 +48,10 @@ def exit_code(action: Callable[[], int]) -> int:
         sys.stdout.flush()
         return code
     except _SHOWN as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {_said(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        print(f"interrupted{f': {interrupt}' if interrupt.args else ''}", file=sys.stderr)
+        print(f"interrupted{f': {_said(interrupt)}' if interrupt.args else ''}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # the reader of the output has ended; nothing may be flushed at exit

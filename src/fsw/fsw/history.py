@@ -62,7 +62,7 @@ def _history() -> Any:
     try:
         from fsw_quality import history
     except ImportError as error:
-        raise CommandError(f"history: {error}; install the packages in requirements/history.lock") from None
+        raise CommandError(f"history: {error.name or error} is missing: pip install pyarrow") from None
     return history
 
 

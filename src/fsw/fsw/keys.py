@@ -5,18 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from fsw.console import program
 from fsw.options import add_file
 from fsw_quality.signature import PublicKey, default_key, load_public
 
 
 def add_private_key(parser: argparse.ArgumentParser) -> None:
     """Add the option for the key that signs."""
-    add_file(parser, "--key", "private key that signs (default: that of 'fsw.py bag keygen')", default=None)
+    add_file(parser, "--key", f"private key that signs (default: that of '{program()} bag keygen')", default=None)
 
 
 def add_public_keys(parser: argparse.ArgumentParser) -> None:
     """Add the option for the keys that are trusted."""
-    text = "public key of a trusted signer; may be repeated (default: that of 'fsw.py bag keygen')"
+    text = f"public key of a trusted signer; may be repeated (default: that of '{program()} bag keygen')"
     parser.add_argument("--key", type=Path, action="append", metavar="FILE.pub", default=[], help=text)
 
 

@@ -65,7 +65,8 @@ def _change(node: Operator, name: str, label: str) -> None:
     # looked up first: a request that does not fit the state is an error in the node
     known = _transitions(node, name)
     if label not in known:
-        raise CommandError(f"{name} is {_state(node, name)} and has no transition {label} now; has {', '.join(known)}")
+        has = ", ".join(known) or "none"
+        raise CommandError(f"{name} is {_state(node, name)} and has no transition {label} now; has {has}")
     logs = LogLines(node, name, "cannot ")
     request: Any = ChangeState.Request()
     request.transition.id, request.transition.label = known[label][0], label

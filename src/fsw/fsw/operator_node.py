@@ -24,8 +24,12 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth
 
-#: what offers the services, by the second part of their names
-_SERVERS = {"plant": "plant", "weld": "scenario player", "run_weld": "scenario player"}
+#: what must be there for the services, by the second part of their names
+_SERVERS = {
+    "plant": "the plant running",
+    "weld": "a weld with phases under way",
+    "run_weld": "the scenario player running",
+}
 #: how long to wait for a line of another node's log, which comes on its own way
 _LOG_S = 2.0
 #: by how much the clocks of two computers may differ (chosen)
@@ -61,9 +65,9 @@ class Operator:
         """Call a service; CommandError when no node offers it or none answers in time."""
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            server = _SERVERS.get(name.split("/")[1], "supervisor")
+            server = _SERVERS.get(name.split("/")[1], "the supervisor running")
             full = self.node.resolve_service_name(name)
-            raise CommandError(f"no node offers {full} on {domain_text()}: is the {server} running there?")
+            raise CommandError(f"no node offers {full} on {domain_text()}: is {server} there?")
         return self.answer(client.call_async(request), name, extra_s)
 
     def node_names(self) -> set[str]:

@@ -251,6 +251,9 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
     found = ModelParameters() if source is None else source
     if not isinstance(found, ModelParameters):
         found = ModelParameters.from_file(Path(found))
+    for name, factor in factors.items():
+        if not isinstance(factor, int | float):
+            raise InputError(f"model: the factor on {name} is a number, not {factor!r}")
     return Model(found.scaled(**factors) if factors else found)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from fsw.bags import print_notes
+from fsw.console import program
 from fsw.errors import CommandError
 from fsw.options import add_file, add_repeated
 from fsw.outputs import new_folder
@@ -52,7 +53,7 @@ def add_command(commands: Any) -> None:
     )
     text = "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
     add_repeated(parser, "--parameter", "CONTROLLER.NAME=VALUE", text)
-    text = "parameters of controllers' nodes, in ROS's format, e.g. from fsw.py tune"
+    text = f"parameters of controllers' nodes, in ROS's format, e.g. from {program()} tune"
     add_repeated(parser, "--params-file", "FILE", text, type=Path)
     parser.add_argument("--no-noise", action="store_true", help="no sensor noise, no quantisation")
     text = "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from fsw.console import program
 from fsw.options import add_file, add_number
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
@@ -37,7 +38,7 @@ def add_command(commands: Any) -> None:
         "rule, plot their performance on processes that differ from the model, and write parameter files for the "
         "controllers' nodes.",
     )
-    add_file(parser, "--model", "model file, e.g. from fsw.py identify", required=True)
+    add_file(parser, "--model", f"model file, e.g. from {program()} identify", required=True)
     add_file(parser, "--out", "folder for the files", "DIR", required=True)
     text = "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)"
     add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, _EVALUATIONS, int)

@@ -176,8 +176,10 @@ _UNITS = {
 
 
 def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
-    from fsw_analysis.figures import Run, page  # matplotlib takes a second to import
+    from fsw_analysis.figures import PAPER_FIGURES, Run, page  # matplotlib takes a second to import
 
+    if number is not None and number not in PAPER_FIGURES:
+        raise InputError(f"plot: there is no figure {number!r}; there are {', '.join(map(str, PAPER_FIGURES))}")
     return page([Run(weld.label, weld.signals) for weld in welds], number)
 
 
@@ -235,6 +237,9 @@ def simulate(
 
 
 def _overrides(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+    for name, given in (("plant", plant), ("changes", changes)):
+        if not isinstance(given, Mapping | None):
+            raise InputError(f"simulate: {name} is a mapping of names to values, not {given!r}")
     values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
     if noise is not None:
         values["plant.noise"] = noise
@@ -263,6 +268,8 @@ def closed_loop(
     ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name of the controller;
     ``heating`` gets the progress of what is computed once for a canister.
     """
+    if not isinstance(controller, str | None) and (isinstance(controller, type) or not hasattr(controller, "step")):
+        raise InputError(f"simulate: controller is a name or an object of a controller's class, not {controller!r}")
     scenario = load(source, overrides)
     if scenario.open_loop and controller is not None:
         raise InputError(f"simulate: {scenario.name} is an open-loop scenario; it takes no controller")
@@ -290,6 +297,8 @@ def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tupl
     |                       ...| unit ...| decentral | decentral:tight | difference |
     ...
     """
+    if isinstance(controllers, str) or not controllers:
+        raise InputError(f"compare: controllers is a list of at least one, not {controllers!r}")
     welds = [simulate(scenario, controller, **options) for controller in controllers]
     return Comparison({weld.label: weld for weld in welds})
 
@@ -316,7 +325,7 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     >>> import fsw
     >>> fsw.read_bag("no_such_bag")
     Traceback (most recent call last):
-    fsw_recorder.errors.BagError: no_such_bag: not found
+    fsw_recorder.errors.BagError: no_such_bag: there is no such bag
     """
     signals = cut_to_scenario(load_weld(Path(bag), progress))
     return Weld(label or signals.path.name, signals)

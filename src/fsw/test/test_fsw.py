@@ -1,9 +1,11 @@
 """The operator's command, as far as it needs no graph."""
 
 import json
+import sys
 
 import pytest
 
+from fsw.errors import CommandError, exit_code
 from fsw.main import main, parser
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -222,3 +224,23 @@ def test_every_command_says_what_it_does():
     text = parser().format_help()
     for command in ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "simulate", "bag"):
         assert command in text
+
+
+@pytest.mark.parametrize("name", ["fsw.py", "fsw"])
+@pytest.mark.parametrize(("error", "begin"), [(CommandError, "error: "), (KeyboardInterrupt, "interrupted: ")])
+def test_an_advised_command_has_the_name_that_the_user_types(capsys, monkeypatch, name, error, begin):
+    monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
+
+    def fail():
+        raise error("no key; 'fsw.py bag keygen' makes one")
+
+    assert exit_code(fail) in (1, 130)
+    assert capsys.readouterr().err == f"{begin}no key; '{name} bag keygen' makes one\n"
+
+
+@pytest.mark.parametrize("name", ["fsw.py", "fsw"])
+@pytest.mark.parametrize("command", [("bag", "attest"), ("bag", "verify-evidence"), ("simulate",), ("tune",)])
+def test_help_names_commands_as_the_user_types_them(capsys, monkeypatch, name, command):
+    monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
+    _, printed, _ = run(capsys, *command, "--help")
+    assert f"{name} " in printed and ("fsw.py" in printed) == (name == "fsw.py")

@@ -73,11 +73,28 @@ def test_plant_parameters_and_changes_arrive():
         ("quick", {"plant": {"no_such": 1.0}}, "no_such"),
         ("quick", {"parameters": {"tuning": "tight"}}, "by its name"),
         ("open_loop_force_steps", {"controller": "nmpc"}, "open-loop"),
+        ("quick", {"controller": fsw.Controller}, "an object of"),
+        ("quick", {"controller": 3}, "controller is a name"),
+        ("quick", {"plant": 3}, "plant is a mapping"),
+        ("quick", {"changes": "duration_s=3"}, "changes is a mapping"),
     ],
 )
 def test_wrong_arguments_are_named(scenario, options, words):
     with pytest.raises(InputError, match=words):
         fsw.simulate(scenario, **options)
+
+
+@pytest.mark.parametrize("controllers", ["decentral", []])
+def test_a_comparison_takes_a_list(controllers):
+    with pytest.raises(InputError, match="a list of at least one"):
+        fsw.compare("quick", controllers)
+
+
+def test_a_figure_that_is_not_there_and_a_factor_that_is_no_number_are_named():
+    with pytest.raises(InputError, match="no figure 99; there are 4, 5, 6, 7, 8, 9"):
+        fsw.simulate("quick").plot(99)
+    with pytest.raises(InputError, match="the factor on dead_time_s is a number, not 'x'"):
+        fsw.model(dead_time_s="x")
 
 
 def test_a_controller_without_command_leads_to_a_hold():

@@ -50,3 +50,5 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
     )
     assert [line.split()[0] for line in fsw("list", "welder")[1].splitlines()] == ["cleanup", "activate", "shutdown"]
     assert fsw("set", "welder", "shutdown") == (0, "welder: finalized\n", "")
+    error = "error: welder is finalized and has no transition configure now; has none\n"
+    assert fsw("set", "welder", "configure") == (1, "", error)

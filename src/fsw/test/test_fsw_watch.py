@@ -1,10 +1,12 @@
 """``fsw.py monitor`` and ``fsw.py history`` on the bag of a weld."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
+import fsw_quality
 from fsw.main import main
 
 BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_tracking"
@@ -35,3 +37,11 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
     assert main(["history", "diff", str(folder), BAG.name, BAG.name]) == 0
     assert "nothing" in capsys.readouterr().out
     assert main(["history", "report", str(tmp_path / "none")]) == 1
+
+
+def test_history_without_its_library_says_what_to_install_in_a_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.delitem(sys.modules, "fsw_quality.history", raising=False)
+    monkeypatch.delattr(fsw_quality, "history", raising=False)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["history", "report", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install pyarrow\n"

@@ -87,3 +87,9 @@ def test_one_at_a_time_left_by_its_client_and_aborted(cell, file):
 def test_a_wrong_scenario_is_refused_before_anything_is_sent(file, capsys):
     assert main(["weld", "run", str(file), "--set", "duration_s=-1"]) == 1
     assert "duration_s = -1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["hold", "resume"])
+def test_what_needs_a_weld_with_phases_says_so(capsys, verb):
+    assert main(["weld", verb, "--timeout", "0.1"]) == 1
+    assert "is a weld with phases under way there?" in capsys.readouterr().err

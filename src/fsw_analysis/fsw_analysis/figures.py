@@ -103,6 +103,8 @@ _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     8: ("Fig. 8: output disturbances, controlled outputs", _OUTPUTS),
     9: ("Fig. 9: output disturbances, manipulated variables", _INPUTS),
 }
+#: numbers of the paper's figures that `page` draws
+PAPER_FIGURES = tuple(_FIGURES)
 _OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
 _WHOLE_WELD = (
     _DEPTH,

@@ -36,7 +36,8 @@ try:
     from fsw_machine import certificates
     from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
-    sys.exit(f"fsw_machine: {error.name} is missing: pip install asyncua")
+    print(f"fsw_machine: {error.name} is missing: pip install asyncua", file=sys.stderr)
+    raise SystemExit(2) from None
 
 _CHECK_S = 0.2
 _REPORT_S = 1.0

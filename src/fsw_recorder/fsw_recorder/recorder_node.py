@@ -84,7 +84,8 @@ class RecorderNode(ManagedNode):
     def configure(self) -> None:
         """Check selection, attachments and the bag's folder."""
         values = self._values
-        self._selection = TopicSelection(**{field.name: values[field.name] for field in fields(TopicSelection)})
+        rules = {field.name: values[field.name] for field in fields(TopicSelection) if field.name != "namespace"}
+        self._selection = TopicSelection(**rules, namespace=self.get_namespace())
         self._depth: int = values["queue_depth"]
         self._on_finished: list[str] = list(values["on_finished"])
         after_recording.check(self._on_finished)

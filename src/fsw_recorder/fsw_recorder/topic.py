@@ -47,6 +47,8 @@ class BagRecord(NamedTuple):
 class TopicSelection:
     """Selects topics: the parameters of these names, which ``recorder.yaml`` describes.
 
+    Without ``topics`` and ``regex``, all are selected; those of other ``namespace``s are not, where one is given.
+
     Raises
     ------
     BagError
@@ -58,6 +60,7 @@ class TopicSelection:
     exclude: Sequence[str] = ()
     exclude_regex: str = ""
     include_hidden: bool = False
+    namespace: str = ""  #: of the node; that of all is ``/``
 
     def __post_init__(self) -> None:
         for text in (self.regex, self.exclude_regex):
@@ -76,4 +79,9 @@ class TopicSelection:
             return False
         if self.regex:
             return re.fullmatch(self.regex, topic) is not None
-        return not self.topics
+        return not self.topics and self._is_own(topic)
+
+    def _is_own(self, topic: str) -> bool:
+        """Whether the topic is in the namespace or shared by the domain, as ``/diagnostics``."""
+        home = self.namespace.rstrip("/")
+        return not home or topic.startswith(f"{home}/") or topic.count("/") == 1

@@ -86,6 +86,20 @@ def test_once_every_publisher_is_heard_nothing_is_missing(offers: list[Qos]) -> 
     assert missing_requests(offers, requests, 10) == [] and bool(requests) == bool(offers)
 
 
+@pytest.mark.parametrize(
+    ("selection", "taken"),
+    [
+        (TopicSelection(namespace="/"), {"/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth", "/diagnostics"}),
+        (TopicSelection(namespace="/cell1"), {"/cell1/fsw/depth", "/diagnostics"}),
+        (TopicSelection(namespace="/cell1", regex=".*/depth"), {"/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth"}),
+        (TopicSelection(namespace="/cell1", topics=("/fsw/depth",)), {"/fsw/depth"}),
+    ],
+)
+def test_a_recorder_in_a_namespace_leaves_other_welds_alone(selection: TopicSelection, taken: set[str]) -> None:
+    names = ("/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth", "/diagnostics")
+    assert {name for name in names if selection.takes(name)} == taken
+
+
 def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
     repeats = Repeats(kept=2)
     assert [repeats.seen(1, b"a"), repeats.seen(1, b"b"), repeats.seen(1, b"a"), repeats.seen(2, b"a")] == [
