@@ -86,7 +86,9 @@ def build(name: str, folder: Path) -> float:
     title, *rest = page.lines[0].split("\n")
     source = f"The notebook is `examples/gallery/{name}.py`."
     text = "\n".join([title, "", NOTE, *rest, "", *page.lines[1:], source, ""])
-    (folder / f"{name}.md").write_text(re.sub(r"\n{3,}", "\n\n", text), encoding="utf-8")
+    parts = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
+    parts[::2] = [re.sub(r"\n{3,}", "\n\n", part) for part in parts[::2]]  # code stays as it is
+    (folder / f"{name}.md").write_text("".join(parts), encoding="utf-8")
     return time.monotonic() - began
 
 
