@@ -240,15 +240,6 @@ class PlantEmulator:
         self._travel.end_tick()
         self.tick += 1
 
-    def come_to_rest(self) -> None:
-        """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state."""
-        self.watchdog.armed = True
-        for _ in range(_REST_TICKS):
-            before_kn = self.applied.force_kn
-            self.step()
-            if self.watchdog.state is WatchdogState.SAFE and self.applied.force_kn == before_kn:
-                return
-
     def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
         """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""
         disturbance = self._input_disturbance
@@ -346,6 +337,16 @@ class PlantEmulator:
         self._force.configure(config.limits.force_step_kn, *config.drives)
         self._speed.configure(config.limits.speed_step_rpm, *config.drives)
         self._sensors.configure(config)
+
+
+def come_to_rest(plant: PlantEmulator) -> None:
+    """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state."""
+    plant.watchdog.armed = True
+    for _ in range(_REST_TICKS):
+        before_kn = plant.applied.force_kn
+        plant.step()
+        if plant.watchdog.state is WatchdogState.SAFE and plant.applied.force_kn == before_kn:
+            return
 
 
 def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:

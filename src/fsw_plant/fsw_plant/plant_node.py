@@ -28,7 +28,7 @@ from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
-from fsw_plant.emulator import PlantEmulator
+from fsw_plant.emulator import PlantEmulator, come_to_rest
 from fsw_plant.lockstep import Lockstep
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
@@ -99,7 +99,7 @@ class PlantNode(ManagedNode):
         """Bring the drives into the safe state, as the watchdog does without commands; nothing is measured then."""
         was_running, self._running = self._running, False
         if was_running:
-            self._plant.come_to_rest()
+            come_to_rest(self._plant)
         force_kn = self._plant.applied.force_kn
         self.get_logger().info(f"deactivated; the drives are in the safe state at {force_kn:.4g} kN")
 

@@ -204,9 +204,7 @@ def attest(
     InputError
         The chain is damaged, or two documents have one name.
     """
-    names = [path.name for path in documents]
-    if doubled := next((one for one in names if names.count(one) > 1), None):
-        raise InputError(f"two of the files to attest have the name {doubled}, by which they are listed; rename one")
+    hashes = _hashes(documents)
     manifest, text, notes = manifest_for(bag)
     if found := check_files(bag, manifest):
         raise BagError(f"{bag}: cannot be attested: {summary(found)}")
@@ -232,12 +230,20 @@ def attest(
             attachments_sha256=manifest.attachments_sha256,
             procedure=procedure,
             software=_software(bag),
-            documents_sha256={path.name: sha256(path.read_bytes()) for path in documents},
+            documents_sha256=hashes,
             notes=tuple(notes),
             attested_at=now.isoformat(timespec="seconds"),
         )
         _write(bag, chain_folder / f"{made.number:06d}.json", text, made.text(), key)
     return made
+
+
+def _hashes(documents: Sequence[Path]) -> dict[str, str]:
+    """Hashes of files by name; InputError when two have the same."""
+    names = [path.name for path in documents]
+    if doubled := next((one for one in names if names.count(one) > 1), None):
+        raise InputError(f"two of the files to attest have the name {doubled}, by which they are listed; rename one")
+    return {path.name: sha256(path.read_bytes()) for path in documents}
 
 
 def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519PrivateKey) -> None:
