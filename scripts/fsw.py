@@ -5,8 +5,8 @@ import sys
 
 from _bootstrap import start
 
-#: verbs of bag and procedure that sign or verify
-SIGNING = ("keygen", "attest", "verify-evidence", "sign", "check")
+#: verbs of bag that sign or verify
+SIGNING = ("keygen", "attest", "verify-evidence")
 
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
@@ -16,7 +16,8 @@ if __name__ == "__main__":
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
     extras += ["history"] if sys.argv[1:2] == ["history"] else []
     extras += ["completion"] if sys.argv[1:2] == ["completion"] else []
-    signing = sys.argv[1:2] in (["bag"], ["procedure"]) and sys.argv[2:3] and sys.argv[2] in SIGNING
-    extras += ["quality"] if sys.argv[1:2] == ["record"] or signing else []
+    signing = sys.argv[1:2] == ["bag"] and sys.argv[2:3] and sys.argv[2] in SIGNING
+    by_procedure = any(argument.startswith("--procedure") for argument in sys.argv)
+    extras += ["quality"] if signing or by_procedure or sys.argv[1:2] in (["record"], ["procedure"]) else []
     extras += ["canister"] if any("canister" in argument for argument in sys.argv[1:]) else []
     start("fsw.main", extras)
