@@ -96,10 +96,17 @@ class RecorderNode(ManagedNode):
 
     def activate(self) -> None:
         """Make the bag, and subscribe to what is there."""
-        values = self._values
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self.writer = self._make_writer()
+        try:
+            self._begin()
+        except BaseException:  # among them Ctrl-C in the middle of it
+            self._finish()
+            raise
+
+    def _begin(self) -> None:
+        values = self._values
         self._make_services()
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still

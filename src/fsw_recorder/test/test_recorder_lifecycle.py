@@ -65,3 +65,25 @@ def test_it_says_why_it_cannot_be_configured(
     assert reason in told
     graph.executor.remove_node(recorder)
     recorder.destroy_node()
+
+
+def test_a_bag_is_whole_even_if_ctrl_c_comes_while_it_is_begun(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Path] = []
+
+    def interrupt(_: RecorderNode) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RecorderNode, "_discover", interrupt)
+    monkeypatch.setattr("fsw_recorder.after_recording.start", lambda _, folder: begun.append(folder))
+    with pytest.raises(KeyboardInterrupt):
+        RecorderNode(
+            context=graph.context,
+            parameter_overrides=[
+                Parameter("output", value=str(tmp_path / "bag")),
+                Parameter("on_finished", value=["true"]),
+            ],
+        )
+    assert depths_of(tmp_path / "bag") == [] and (tmp_path / "bag" / "metadata.yaml").exists()
+    assert begun == [tmp_path / "bag"]
