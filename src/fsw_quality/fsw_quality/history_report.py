@@ -12,12 +12,12 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pyarrow as pa
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import STYLE
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
+from fsw_quality.html_templates import template
 from fsw_schema.files import replacing
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
@@ -100,14 +100,7 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
     """
     found = charts(table)
     said = remarks(table, found)
-    templates = Environment(
-        loader=PackageLoader("fsw_quality"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = templates.get_template("history.html.j2").render(
+    text = template("history.html.j2").render(
         title=title,
         welds=table.num_rows,
         remarks=said[-_MOST:] if len(said) > _MOST else said,

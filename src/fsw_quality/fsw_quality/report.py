@@ -7,10 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fsw_quality import figures
 from fsw_quality.course import Course
+from fsw_quality.html_templates import template
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
 from fsw_schema.files import replacing
@@ -30,14 +30,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     images = {"traces": figures.traces(course, procedure)}
     if (drawn := figures.unrolled(course, procedure, record.exceedances)) is not None:
         images["unrolled"] = drawn
-    templates = Environment(
-        loader=PackageLoader("fsw_quality"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    body = templates.get_template("body.html.j2").render(
+    body = template("body.html.j2").render(
         record=record,
         procedure=procedure,
         images={name: f"data:image/png;base64,{base64.b64encode(data).decode()}" for name, data in images.items()},
@@ -46,7 +39,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     title = f"Weld {record.bag}"
     whole = {
         JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
-        PAGE: templates.get_template("record.html.j2").render(title=title, body=body).encode(),
+        PAGE: template("record.html.j2").render(title=title, body=body).encode(),
     }
     if can_write_pdf():
         whole[PDF] = _pdf(body, title)
