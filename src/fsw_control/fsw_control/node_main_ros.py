@@ -13,7 +13,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
+from rclpy.utilities import get_default_context, remove_ros_args
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 
@@ -127,5 +127,8 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             interrupts.phase = "ending"
             if node is not None:
                 node.destroy_node()
+            context = get_default_context()
             rclpy.try_shutdown()
+            # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
+            context.destroy()
     return 0
