@@ -14,7 +14,7 @@ class Audience:
     """The subscribers of a node's ``setpoints``: so many controllers are ``wanted``, among them those ``named``."""
 
     def __init__(self, node: Node, setpoints: Publisher, wanted: int, named: Sequence[str] = ()) -> None:
-        self._node, self._setpoints, self._wanted, self._named = node, setpoints, wanted, named
+        self._node, self._setpoints, self._wanted, self._named = node, setpoints, wanted, tuple(dict.fromkeys(named))
 
     def is_complete(self) -> bool:
         """Whether all that listen to set-points get them, and enough of these are controllers."""
