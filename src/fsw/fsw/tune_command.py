@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+import fsw
 from fsw.console import program
 from fsw.options import add_file, add_number
 from fsw.outputs import new_folder
@@ -51,20 +52,18 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
-    from fsw_nmpc.tuning import Tuning
-    from fsw_scenario.tune_decentral import NAMES, tune
+    from fsw_scenario.tune_decentral import NAMES
 
     own: dict[str, Mapping[str, Any]] = {}
     for name in NAMES:
-        with ProgressBar(f"decentral:{name}") as bar:
-            own[f"decentral:{name}"] = dict(tune(name, model, arguments.evaluations, bar))
+        label = f"decentral:{name}"
+        with ProgressBar(label) as bar:
+            own[label] = fsw.tune(label, arguments.model, evaluations=arguments.evaluations, progress=bar)
         _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"])
     model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(arguments.model, model_file)
-    tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
-    tuning_file.write_text(
-        f"# By rule from the dead time of {arguments.model.name}.\n{yaml.safe_dump(tuning)}", "utf-8"
-    )
+    tuning = yaml.safe_dump(fsw.tune("nmpc", arguments.model))
+    tuning_file.write_text(f"# By rule from the dead time of {arguments.model.name}.\n{tuning}", "utf-8")
     _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
     if not arguments.no_sweep:
         from fsw_scenario.identification_design import plant_factors
