@@ -32,6 +32,10 @@ _FIGURES = {
 }
 #: of the joint line at a drive's limit: a canister that asks for more than the drive gives
 _LONG_S = 60.0
+#: error of the depth over the joint line, RMS, of a loop that oscillates for good; the others have a few µm (chosen)
+_OSCILLATES_MM = 0.02
+#: error of the depth on the way down, RMS, up to which depth and temperature count as decoupled (chosen)
+_DECOUPLED_MM = 0.005
 #: the milder limit on the time outside, that of the campaign for the temperature
 _LONGER_S = 30.0
 #: shortest phase whose name has room in the figure
@@ -60,11 +64,11 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures."""
     found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}, "saturated": _saturated(rows)}
-    found["alone"] = [
-        {"canister": row["index"], "controller": row["controller"], "minutes": row["fastest_s"] / 60.0}
-        for row in rows
-        if row["phase"] == "joint_line" and row["fastest_s"] > _LONG_S and row["index"] not in found["saturated"]
-    ]
+    line = [row for row in rows if row["phase"] == "joint_line"]
+    found["oscillating"] = {
+        controller: [1e3 * row["depth_sigma_mm"] for row in line if _oscillates(row, controller)]
+        for controller in CONTROLLERS
+    }
     found["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
     found["bad"] = {"all": len(bad), "long": sum(phase in ("joint_line", "overlap") for phase in bad)}
@@ -101,6 +105,10 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
                 },
             }
     return found
+
+
+def _oscillates(row: Row, controller: str) -> bool:
+    return bool(row["controller"] == controller and row["depth_sigma_mm"] > _OSCILLATES_MM)
 
 
 def _best(rows: Sequence[Row]) -> dict[str, float]:
@@ -168,6 +176,15 @@ def best_of(verdict: Mapping[str, Any], name: str, controller: str) -> str:
         for phase, of in verdict["phases"].items()
         if controller in of and of[controller][name] == min(one[name] for one in of.values())
     )
+
+
+def decoupled(verdict: Mapping[str, Any]) -> dict[str, str]:
+    """Who keeps the depth on the way down, where heat changes fastest, and who does not: names with errors."""
+    words: dict[str, list[str]] = {"yes": [], "no": []}
+    for name, of in verdict["phases"]["downward"].items():
+        kept = "yes" if of["depth_sigma_mm"] <= _DECOUPLED_MM else "no"
+        words[kept].append(f"{1e3 * of['depth_sigma_mm']:.0f} µm with `{name}`")
+    return {kept: ", ".join(one) for kept, one in words.items()}
 
 
 def against(verdict: Mapping[str, Any], phase: str, name: str, controller: str = CONTROLLERS[0]) -> str:
@@ -328,7 +345,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
     functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
-    functions += [coppers, compacts, worst_copper]
+    functions += [coppers, compacts, worst_copper, decoupled]
     pictures = {
         **({"canister": draw} if data["validation"] else {}),
         **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {}),
