@@ -13,8 +13,8 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_hmi.control_room import LOST
+from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
