@@ -41,6 +41,8 @@ _AHEAD_REAL_NS = 5_000_000_000
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
 FAILED = "failed"
+_TIME_JUMPED = "the measurements' time has jumped: the scenario continues from its present position"
+_MANUAL = "manual set-points are in force; those of the programme follow after a resume"
 
 
 class Outcome(NamedTuple):
@@ -190,9 +192,7 @@ class WeldPlayer:
         if accepted is None:
             return
         if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
-            self._node.get_logger().warning(
-                "the measurements' time has jumped: the scenario continues from its present position"
-            )
+            self._node.get_logger().warning(_TIME_JUMPED)
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
@@ -220,9 +220,7 @@ class WeldPlayer:
                 self._restart(present)
                 self._node.get_logger().info(f"temperature reached: {machine.describe()}")
             if self._course.followed and self._mark_received and self._received.mark != self._mark:
-                self._node.get_logger().warning(
-                    "manual set-points are in force; those of the programme follow after a resume"
-                )
+                self._node.get_logger().warning(_MANUAL)
                 self._course.leave()
                 self._announce()
             self._programme.on_tick(stamp_ns)
