@@ -8,7 +8,6 @@ from typing import Any
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
@@ -55,7 +54,7 @@ def _follow(node: Operator, goal: Any) -> int:
     result = handle.get_result_async()
     try:
         node.wait_until(result.done, float("inf"))
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
     outcome = result.result().result
     kpi = outcome.kpi
