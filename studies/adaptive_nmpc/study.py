@@ -45,20 +45,20 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
         yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
 
 
-def random_plants(count: int) -> dict[str, dict[str, Figures]]:
-    """All figures of merit of every column on random plants, with noise."""
-    plants = random_factors(count, seed=SEED)
-    with controllers() as made, ProgressBar(f"{count} random plants") as bar:
+def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
+    """All figures of merit of every column on random plants from ``first`` up to ``count``, with noise."""
+    plants = dict(enumerate(random_factors(count, seed=SEED)[first:], start=first))
+    with controllers() as made, ProgressBar(f"random plants {first + 1} to {count}") as bar:
         jobs = {
             (i, column, case): Job(label, case, True, plant, parameters)
-            for i, plant in enumerate(plants)
+            for i, plant in plants.items()
             for column, (label, parameters) in made.items()
             for case in CASES
         }
         found = run_all(list(jobs.values()), bar)
     return {
         f"{i}": {column: figures({case: found[jobs[i, column, case]] for case in CASES}) for column in COLUMNS}
-        for i in range(count)
+        for i in plants
     }
 
 
