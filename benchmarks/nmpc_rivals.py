@@ -216,7 +216,7 @@ class DoMpc:
         self._n_steps = len(h.step_length_s)
         self._begins = np.diff(h.step_interval, prepend=-1) > 0
         self._reached = np.column_stack([h.depth_width, h.temperature_width]) > 0
-        self._bands, self._disturbance = np.zeros((self._n_steps, 4)), np.zeros(4)
+        self._bands, self._disturbance = np.zeros((self._n_steps, 4)), np.zeros(5)
         tables = self._tables()
         self._mpc = self._controller(self._model(tables.shape[1]), tables)
         for k in range(self._n_steps):

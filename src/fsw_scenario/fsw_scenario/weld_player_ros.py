@@ -44,6 +44,7 @@ _CONTROLLER_S = 5.0
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
 FAILED = "failed"
+_TIME_JUMPED = "the measurements' time has jumped: the scenario continues from its present position"
 
 
 class Outcome(NamedTuple):
@@ -202,9 +203,7 @@ class WeldPlayer:
         if accepted is None:
             return
         if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
-            self._node.get_logger().warning(
-                "the measurements' time has jumped: the scenario continues from its present position"
-            )
+            self._node.get_logger().warning(_TIME_JUMPED)
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
