@@ -30,6 +30,8 @@ NAMES = {
     **{"highs": "HiGHS", "proxqp": "ProxQP", "osqp": "OSQP", "rti108": "this project's", "ipopt": "IPOPT"},
     **{"sqp_piqp": "SQP (CasADi) with PIQP", "fatrop": "FATROP", "gekko_apopt": "GEKKO, APOPT", "do_mpc": "do-mpc"},
 }
+#: of a whole run of the benchmarks
+ALL_PROBLEMS = 20
 #: what a figure on a logarithmic scale shows of a cost that is the best (chosen)
 _LEAST_EXCESS = 1e-12
 
@@ -109,7 +111,8 @@ def main() -> int:
         loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["number"] = number
-    text = environment.get_template("solvers.md.j2").render(tables=tables, qp=qp, nlp=nlp)
+    quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
+    text = environment.get_template("solvers.md.j2").render(tables=tables, qp=qp, nlp=nlp, quick=quick)
     parsed.page.write_text(text, encoding="utf-8")
     return 0
 

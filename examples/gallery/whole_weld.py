@@ -7,6 +7,7 @@
 
 # %%
 import io
+import json
 import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -33,7 +34,9 @@ print(phase_kpi.markdown([phase_kpi.compute(weld.signals, weld.label, phases)]))
 # Its record, judged by the welding procedure `copper_lid`; [as a page and PDF](../how-to/record.md), too:
 
 # %%
-record = fsw.record(bag, "copper_lid")
-print(record.verdict)
-for rule in record.rules:
-    print(f"{rule.verdict:<7} {rule.words}: {rule.figure}")
+with redirect_stdout(io.StringIO()):
+    main(["record", str(bag), "--procedure", "copper_lid", "--out", str(folder / "record")])
+record = json.loads((folder / "record" / "record.json").read_text(encoding="utf-8"))
+print(record["verdict"])
+for rule in record["rules"]:
+    print(f"{rule['verdict']:<7} {rule['words']}: {rule['figure']}")
