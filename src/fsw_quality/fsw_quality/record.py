@@ -15,6 +15,7 @@ from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
+from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, summary
@@ -36,8 +37,8 @@ from fsw_schema.models import Many, Model
 _SIMULATED_NS = NANOSECONDS * 10**8
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
-#: node that watches the procedure, and its line on diagnostics
-WATCH_NODE, _DIAGNOSTICS, _DEVIATIONS = "fsw_procedure", "/diagnostics", "fsw_procedure: deviations"
+#: node that watches the procedure, and where it tells what it finds
+WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -186,7 +187,8 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     signals.problems.extend(_not_as_recorded(bag))
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
-        if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
+        watch = qualified(signals.namespace, WATCH_NODE)
+        if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
             told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
             signals = replace(signals, events=told)
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
@@ -256,11 +258,14 @@ def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     if topic is None:
         return []
     definitions, found, before = Definitions(), [], ""
+    name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
     for record in reader.records([_DIAGNOSTICS]):
-        if _DEVIATIONS.encode() not in record.data:
+        if name.encode() not in record.data:
             continue
         message = definitions.decode(record.type_name, topic.definition, record.data)
-        line = next(one for one in message.status if one.name.endswith(_DEVIATIONS))
+        line = next((one for one in message.status if one.name == name), None)
+        if line is None:
+            continue
         if line.message != before and (before or line.level):
             stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
             time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
