@@ -37,7 +37,7 @@ MAY_IMPORT = {
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_quality", "fsw_msgs"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
     "fsw_export": {
         *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
@@ -162,7 +162,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
     said = declared(package, *_TAGS)
     started = {
         "fsw_bringup": said,
-        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_quality", "fsw_recorder"},
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
