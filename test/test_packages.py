@@ -265,8 +265,10 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
-def test_package_has_what_ament_looks_for(package: Path) -> None:
+def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
+    """Without the extra ``test``, ``colcon test`` runs no test at all and says OK."""
     assert (package / "resource" / package.name).is_file()
+    assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(encoding="utf-8")
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
 
