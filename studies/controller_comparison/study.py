@@ -68,7 +68,7 @@ def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     }
 
 
-def sweep(processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+def sweep(processes: Mapping[str, Mapping[str, float | str]]) -> dict[str, Any]:
     """PI tunings and default NMPC on processes that differ from the model, with noise."""
     with ProgressBar(f"{len(processes)} processes") as bar:
         return standard_runs.sweep({label: {} for label in FINALISTS}, processes, bar)
@@ -103,7 +103,7 @@ class _LateForce:
 
 
 def is_stable(
-    controller: str, plant: Mapping[str, float], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
+    controller: str, plant: Mapping[str, float | str], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
 ) -> bool:
     """Whether small steps of both set-points die out, without noise, with the force so many ticks late.
 

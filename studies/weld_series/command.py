@@ -1,4 +1,4 @@
-"""Welds the series, and tells what its history found of what was planted."""
+"""Welds the series, signs for it, and tells what its history found of what was planted."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
-from fsw_quality import history, history_report
+from fsw_quality import attestation, history, history_report, report, signature
+from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
-from weld_series.series import SPECIAL, judged, scenario_text
+from weld_series.series import BEGIN_DEG, SPECIAL, WHOLE_DEG, judged, scenario_text, series_procedure
 
 #: what of the history's remarks tells each planted thing: weld, words
 PLANTED = {
@@ -26,49 +29,107 @@ PLANTED = {
     "an operator's error": ("operator", ("operator acted",)),
 }
 
+#: welds after which the wear stands out
+_SHOWS_WEAR = 30
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the series; the exit code is 0 if the history found everything."""
     parser = argparse.ArgumentParser(
-        prog="weld_series.py", description="Weld a series of canisters, and their history."
+        prog="weld_series.py",
+        description="Weld a series of canisters: bags, records, signed chain, history. An interrupted series goes on.",
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)")
-    parser.add_argument("--out", type=Path, default=Path("out") / "weld_series", help="folder, new or empty")
+    parser.add_argument("--out", type=Path, default=Path("out") / "weld_series", help="folder")
+    text = f"length of the joint line in deg (default {WHOLE_DEG - BEGIN_DEG:g}: whole welds, 45 min)"
+    parser.add_argument("--joint-line", type=float, default=WHOLE_DEG - BEGIN_DEG, help=text, metavar="DEG")
     chosen = parser.parse_args(arguments)
     folder: Path = chosen.out
-    if folder.exists() and any(folder.iterdir()):
-        print(f"weld_series: {folder} is not empty; choose another --out", file=sys.stderr)
-        return 1
     try:
-        print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
-        prepare(PlantConfig.from_values(parse(scenario_text(1), "series").plant))
-        rows = []
-        with ProcessPoolExecutor(max(1, chosen.workers)) as pool:
-            for row in pool.map(partial(judged, folder=folder), range(1, chosen.welds + 1)):
-                rows.append(row)
-                print(f"\r{len(rows)} of {chosen.welds} welds", end="", file=sys.stderr, flush=True)
-        print(file=sys.stderr)
-        history.add(folder / "history", rows)
+        end_deg = _end_deg(folder, chosen.joint_line)
+        rows = _weld(folder, chosen.welds, chosen.workers, end_deg)
         table = history.load(folder / "history")
         said = history_report.write(table, folder / "report.html", "Series of canisters")
-    except (InputError, OSError) as error:
+    except (InputError, BagError, OSError) as error:
         print(f"weld_series: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print("\nweld_series: interrupted; the same command goes on", file=sys.stderr)
+        return 130
     print(f"verdicts: {dict(Counter(row['verdict'] for row in rows))}")
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     missed = _tell(said, chosen.welds)
-    print(f"written: {folder / 'report.html'}, {folder / 'history'}, {folder / 'records'}")
-    return 1 if missed else 0
+    chain = attestation.read_chain(folder / "chain", [signature.load_public(_key(folder).with_suffix(".pub"))])
+    for problem in chain.problems:
+        print(f"chain: {problem}")
+    print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.problems else 'intact'}")
+    print(f"written: {', '.join(str(folder / one) for one in ('report.html', 'history', 'chain', 'welds'))}")
+    return 1 if missed or chain.problems else 0
+
+
+def _end_deg(folder: Path, joint_line_deg: float) -> float:
+    """Where the joint line ends; that of a series that was begun is kept."""
+    if not 10.0 <= joint_line_deg <= WHOLE_DEG - BEGIN_DEG:
+        raise InputError(f"--joint-line {joint_line_deg:g}: give 10 to {WHOLE_DEG - BEGIN_DEG:g} deg")
+    folder.mkdir(parents=True, exist_ok=True)
+    note, text = folder / "joint_line", f"{joint_line_deg:g} deg\n"
+    if not note.exists():
+        if any(folder.iterdir()):
+            raise InputError(f"{folder} is not empty, and no series was begun in it; choose another --out")
+        note.write_text(text, encoding="utf-8")
+    if (begun := note.read_text(encoding="utf-8")) != text:
+        raise InputError(f"{folder}: was begun with a joint line of {begun.strip()}; choose another --out")
+    return BEGIN_DEG + joint_line_deg
+
+
+def _key(folder: Path) -> Path:
+    """The key that signs, made for the series: what is emulated is not signed by anybody's own key."""
+    return folder / "key" / "series"
+
+
+def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[history.Row]:
+    """Weld what is missing; sign and add to the history each in its order, so that the chain is one over time."""
+    if not _key(folder).exists():
+        signature.make_key(_key(folder), "weld_series")
+    key = signature.load_private(_key(folder))
+    procedure = series_procedure(end_deg).identity
+    there = history.load(folder / "history")["weld"].to_pylist() if (folder / "history").is_dir() else []
+    print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
+    prepare(PlantConfig.from_values(parse(scenario_text(1, end_deg), "series").plant))
+    rows = []
+    pool = ProcessPoolExecutor(max(1, workers))
+    try:
+        for row in pool.map(partial(judged, folder=folder, end_deg=end_deg), range(1, welds + 1)):
+            rows.append(row)
+            _sign(folder, row, key, procedure)
+            if row["weld"] not in there:
+                history.add(folder / "history", [row])
+            print(f"\r{len(rows)} of {welds} welds", end="", file=sys.stderr, flush=True)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    print(file=sys.stderr)
+    return rows
+
+
+def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
+    """Attest a bag together with its record; one that is signed for already stays."""
+    place = folder / "welds" / row["weld"]
+    bag, record = place / "bag", place / "record"
+    if not (bag / (attestation.ATTESTATION_NAME + signature.SUFFIX)).exists():
+        documents = [record / name for name in (report.JSON, report.PAGE, report.PDF) if (record / name).exists()]
+        attestation.attest(bag, folder / "chain", key, datetime.now(UTC), procedure, documents)
 
 
 def _tell(said: Sequence[tuple[str, str]], welds: int) -> int:
     """Print what the history found of what was planted; returns how much it did not."""
     missed = 0
+    if welds < _SHOWS_WEAR:
+        print(f"the tool wears: {_SHOWS_WEAR} welds are needed to tell")
     for what, (special, words) in PLANTED.items():
         number = next((one for one, kind in SPECIAL.items() if kind == special), None)
-        if number is not None and number > welds:
+        if (number or _SHOWS_WEAR) > welds:
             continue
         name = None if number is None else f"C{number:03d}"
         found = [

@@ -1,107 +1,146 @@
-"""One weld of the series: what is special about it, the weld itself, its record and its row of the history."""
+"""One weld of the series: what is special about it, its bag, its record and its row of the history."""
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
-from fsw_analysis.weld_signals import WeldEvent, WeldSignals
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.parameters import load_source, validate
+from fsw_control.weld import TICK_S
 from fsw_quality import history, procedure, record, report
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
 from fsw_quality.procedure import Procedure
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all
+from fsw_scenario.controllers import described_in, make_all, variant_of
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
+from fsw_scenario.weld_programme import spans
+from fsw_schema.files import replacing
+from weld_series import bag
 
-#: chosen: the dwell, the part of the joint line that is welded, shorter than a weld by far, and the traverse speed
-DWELL_S, LINE_DEG, TRAVERSE_MM_PER_MIN = 30.0, 42.0, 86.0
+CONTROLLER = "decentral:tight"
+#: where the joint line begins, and its end in a whole weld [deg]
+BEGIN_DEG, WHOLE_DEG = 20.0, 380.0
+#: dwell as the procedure wants it, and the tool's temperature at its begin, within the permitted set-points
+DWELL_S, START_C = 20.0, 805.0
 #: from weld to weld the tool takes so much more torque (chosen)
 WEAR_NM = 0.8
 #: by number of the weld, where one is not like the others
 SPECIAL = {22: "swap", 37: "thermocouple", 48: "operator"}
-FAULT_S, DRIFT_C_PER_MIN = 130.0, 2.0
-WRONG_C = 832.0
+#: what happens there begins at this share of the joint line; the drift and the wrong set-point last so long
+SHARE, LASTS_S = 0.4, 300.0
+DRIFT_C_PER_MIN, WRONG_C = 2.0, 832.0
+ROW = "row.json"
 
 
-def scenario_text(number: int) -> str:
-    """Scenario of a weld: a canister whose geometry is that of `canister_weld_heat`."""
-    special = SPECIAL.get(number)
-    points: list[dict[str, float]] = [{"at_s": 20.0, "depth_mm": 2.76}, {"at_s": 60.0, "depth_mm": 2.66}]
+def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
+    """Scenario of a weld: `canister_weld_heat` whose joint line ends at ``end_deg``, with what is special about it."""
+    content = yaml.safe_load(load("canister_weld_heat").text)
+    del content["duration_s"], content["path"]  # they follow from the phases
+    special, at_deg = SPECIAL.get(number), BEGIN_DEG + SHARE * (end_deg - BEGIN_DEG)
+    phases = {one["name"]: one for one in content["phases"]}
+    phases["dwell"].pop("until_c")
+    phases["dwell"] |= {"duration_s": DWELL_S, "set_points": [{"temperature_c": 816.4, "over_s": DWELL_S}]}
+    content["plant"]["start"]["temperature_c"] = START_C
+    for name in ("joint_line", "overlap", "parking"):
+        phases[name]["to_deg"] += end_deg - WHOLE_DEG
     events: list[dict[str, Any]] = [
-        {"at_s": 0.0, "disturbance": {"channel": "torque", "shape": "step", "amplitude_nm": max(WEAR_NM * number, 0.1)}}
+        # without a fault nor a second controller no supervisor would watch the weld
+        {"at_s": 0.0, "fault": {"sensor": "depth", "kind": "none"}},
+        {
+            "at_s": 0.0,
+            "disturbance": {"channel": "torque", "shape": "step", "amplitude_nm": max(WEAR_NM * number, 0.1)},
+        },
+        *(one for one in content["events"] if one.get("disturbance", {}).get("channel") == "axial_force"),
+        {"at_deg": BEGIN_DEG, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.05}},
     ]
     if special == "swap":
-        events.append({"at_s": 160.0, "switch": "nmpc"})
+        events.append({"at_deg": at_deg, "switch": "nmpc"})
     if special == "thermocouple":
         drift = {"sensor": "thermocouple", "kind": "drift", "magnitude_c": DRIFT_C_PER_MIN / 60.0}
-        events.append({"at_s": FAULT_S, "fault": drift})
+        events.append({"at_deg": at_deg, "fault": drift | {"duration_s": LASTS_S}})
     if special == "operator":
-        points.append({"at_s": 130.0, "temperature_c": WRONG_C, "over_s": 20.0})
-    canister = {key: value for key, value in load("canister_weld_heat").plant.items() if key.startswith("canister.")}
-    start = {"start.temperature_c": 814.0, "start.power_kw": 48.0}
-    return yaml.safe_dump(
-        {
-            "name": f"series_{number:03d}",
-            "controller": "decentral",
-            "plant": {"seed": 1000 + number, "process": "canister", **start, **canister},
-            "phases": [
-                {"name": "dwell", "duration_s": DWELL_S},
-                {"name": "joint_line", "to_deg": LINE_DEG, "set_points": points},
-            ],
-            "events": events,
-        }
-    )
+        begin_s = operator_s(end_deg)
+        phases["joint_line"]["set_points"] += [
+            {"at_s": begin_s, "temperature_c": WRONG_C, "over_s": 20.0},
+            {"at_s": begin_s + LASTS_S, "temperature_c": 826.4, "over_s": 20.0},
+        ]
+    content |= {"name": f"series_{number:03d}", "controller": "decentral", "events": events}
+    content["plant"]["seed"] = 1000 + number
+    return yaml.safe_dump(content, sort_keys=False)
 
 
-def series_procedure() -> Procedure:
-    """The shipped procedure with the phases of the series."""
+def operator_s(end_deg: float) -> float:
+    """When the operator sets the wrong temperature, from the begin of the joint line [s]."""
+    scenario = load("canister_weld_heat")
+    begin_s, stop_s = next((begin, end) for name, begin, end in spans(scenario.phases) if name == "joint_line")
+    return round(SHARE * (end_deg - BEGIN_DEG) / (WHOLE_DEG - BEGIN_DEG) * (stop_s - begin_s), 1)
+
+
+def series_procedure(end_deg: float = WHOLE_DEG) -> Procedure:
+    """The shipped procedure; with an end of the joint line other than that of a whole weld, its phases are shorter."""
     values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
-    values["phases"] = [
-        {"name": "dwell", "duration_s": DWELL_S, "source": "the series, chosen"},
-        {"name": "joint_line", "to_deg": LINE_DEG, "source": "the series, chosen"},
-    ]
+    for one in values["phases"]:
+        if one["name"] in ("joint_line", "overlap", "parking") and end_deg != WHOLE_DEG:
+            one |= {"to_deg": one["to_deg"] + end_deg - WHOLE_DEG, "source": "the series, chosen"}
     return Procedure.model_validate(values)
 
 
-def weld(number: int) -> WeldSignals:
-    """Weld in this process; what a programme's node would report is added."""
-    scenario = parse(scenario_text(number), f"series {number}")
-    signals = ClosedLoop(scenario, make_all(scenario, "decentral:tight", {})).run()
-    time_s = signals.time_s
-    signals.phases = [("dwell", float(time_s[0])), ("joint_line", DWELL_S)]
-    signals.travel_mm = TRAVERSE_MM_PER_MIN / 60.0 * np.clip(time_s - DWELL_S, 0.0, None)
-    signals.angle_deg = signals.travel_mm / (np.pi * CANISTER_DIAMETER_MM / 360.0)
-    signals.events = [
-        WeldEvent(DWELL_S, "phase", "phase joint_line"),
-        WeldEvent(float(time_s[-1]), "weld", "weld done"),
-    ]
-    source = signals.command_source
-    for tick in np.flatnonzero(source[1:] != source[:-1]) + 1:
-        signals.events.append(WeldEvent(float(time_s[tick]), "swap", f"{source[tick - 1]} to {source[tick]}"))
-    if SPECIAL.get(number) == "operator":  # the programme knows nothing of what was set by hand
-        signals.programme_temperature_c = np.full(time_s.size, float(signals.reference_temperature_c[0]))
-        text = f"Ada, session 1: set_reference {WRONG_C:g} °C (done)"
-        signals.events.append(WeldEvent(DWELL_S + FAULT_S, "operator", text))
-    signals.events.sort()
-    return signals
+def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Actions]:
+    """Weld in this process; what an operator sets by hand is none of the programme."""
+    scenario = parse(scenario_text(number, end_deg), f"series {number}")
+    signals = ClosedLoop(scenario, make_all(scenario, CONTROLLER, {})).run()
+    if SPECIAL.get(number) != "operator":
+        return scenario, signals, {}
+    told = bag.progress(scenario, signals)
+    begin = next(tick for tick, one in enumerate(told) if one.phase == "joint_line")
+    first, last = (begin + round(at_s / TICK_S) for at_s in (operator_s(end_deg), operator_s(end_deg) + LASTS_S + 20.0))
+    signals.programme_temperature_c = signals.reference_temperature_c.copy()
+    signals.programme_temperature_c[first : last + 1] = signals.reference_temperature_c[first - 1]
+    actions = {
+        tick: {"who": "Ada (3f2a)", "action": f"set-points {value:g} °C, ramp", "outcome": "done", "message": ""}
+        for tick, value in ((first, WRONG_C), (round(first + LASTS_S / TICK_S), 826.4))
+        if tick < signals.n_ticks
+    }
+    return scenario, signals, actions
 
 
-def judged(number: int, folder: Path) -> history.Row:
-    """Weld, watch and judge; the record goes into the folder, of special welds with pages and figures."""
-    name, signals = f"C{number:03d}", weld(number)
-    identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": "emulator", "lost_messages": "0"}
-    watched = watch(Monitor("canister"), signals)
-    wanted = series_procedure()
-    made, course = record.assemble(signals, wanted, identity)
-    place = folder / "records" / name
-    place.mkdir(parents=True, exist_ok=True)
-    if number in SPECIAL:
-        report.write(made, course, wanted, place)
-    else:
-        (place / report.JSON).write_text(made.model_dump_json(indent=2, exclude_none=True) + "\n", encoding="utf-8")
-    return history.row(name, signals, watched, identity, str(made.verdict))
+def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row:
+    """Weld, write the bag, judge it, watch it; what is there already from an interrupted series is kept."""
+    name = f"C{number:03d}"
+    place = folder / "welds" / name
+    row_file, page = place / ROW, place / "record" / report.JSON
+    if row_file.is_file():
+        found: history.Row = json.loads(row_file.read_text(encoding="utf-8"))
+        return found
+    if not (place / "bag" / METADATA_NAME).exists():
+        shutil.rmtree(place, ignore_errors=True)
+        _weld_to_bag(number, name, place / "bag", end_deg)
+    signals, custom = record.read(place / "bag")
+    wanted = series_procedure(end_deg)
+    made, course = record.judged(place / "bag", signals, custom, wanted)
+    if not page.exists():  # one that was attested stays as it is
+        page.parent.mkdir(exist_ok=True)
+        report.write(made, course, wanted, page.parent)
+    row = history.row(name, signals, watch(Monitor("canister"), signals), custom, str(made.verdict), made.data_files)
+    with replacing(row_file) as scratch:
+        text = json.dumps({key: None if value != value else value for key, value in row.items()}, indent=1)
+        scratch.write_text(text, encoding="utf-8")
+    return row
+
+
+def _weld_to_bag(number: int, name: str, folder: Path, end_deg: float) -> None:
+    scenario, signals, actions = weld(number, end_deg)
+    identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": "emulator"}
+    parameters = {
+        one: validate(load_source(described_in(one)), variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {})
+        for one in scenario.controllers
+    }
+    bag.write(folder, scenario, signals, identity, parameters, actions)

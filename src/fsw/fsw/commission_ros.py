@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rclpy.executors import ExternalShutdownException
 from rclpy.parameter import Parameter, parameter_value_to_python
 from sensor_msgs.msg import Temperature
 
@@ -116,7 +115,7 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
             if outcome is None:
                 abort(node)
             return "" if outcome is not None else stopped[0], outcome
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C does not keep the weld going
         try:
             with operator(arguments.timeout, arguments.namespace) as node:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from fsw_analysis.bag_labels import labels
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
 from fsw_quality.process_of_weld import process_of
-from fsw_quality.record import files_of
+from fsw_quality.record import data_files, files_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_schema.models import InputError
@@ -66,11 +67,7 @@ def _history() -> Any:
     return history
 
 
-def _verdict(file: Path | None, bags: list[Path]) -> str:
-    if file is None:
-        return ""
-    if len(bags) > 1:
-        raise CommandError("history add: --record is of one weld; give one bag")
+def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
         verdict = str(record["verdict"])
@@ -79,22 +76,24 @@ def _verdict(file: Path | None, bags: list[Path]) -> str:
         raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
         raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
-    if judged and not judged & {one.sha256 for one in files_of(bags[0])}:
-        raise CommandError(f"{file}: is the record of another weld; none of its files is in {bags[0]}")
+    if judged and not judged & set(files):
+        raise CommandError(f"{file}: is the record of another weld; none of its files is in {bag}")
     return verdict
 
 
 def _add(arguments: argparse.Namespace) -> int:
     history = _history()
-    verdict = _verdict(arguments.record, arguments.bag)
+    if arguments.record and len(arguments.bag) > 1:
+        raise CommandError("history add: --record is of one weld; give one bag")
     rows = []
     for name, bag in zip(labels(arguments.bag), arguments.bag, strict=True):
-        signals = read_weld(bag)
+        signals, files = read_weld(bag), data_files(files_of(bag))
+        verdict = _verdict(arguments.record, files, bag) if arguments.record else ""
         with BagReader(bag) as reader:
             identity = dict(reader.metadata.custom_data)
         with ProgressBar(f"monitor {name}") as bar:
             watched = watch(Monitor(process_of(signals)), signals, bar)
-        rows.append(history.row(identity.get("canister") or name, signals, watched, identity, verdict))
+        rows.append(history.row(identity.get("canister") or name, signals, watched, identity, verdict, files))
     welds = history.add(arguments.folder, rows)
     print(f"{arguments.folder}: {welds} welds; new: {', '.join(row['weld'] for row in rows)}")
     return 0

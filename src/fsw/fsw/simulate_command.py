@@ -19,10 +19,12 @@ from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
-from fsw_quality.procedure import load as load_procedure
 from fsw_quality.procedure import shipped as procedures
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import name_of, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -79,10 +81,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run
 
+    by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.procedure:
         if not arguments.bag:
             raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
-        load_procedure(arguments.procedure)
+        by_procedure = graph_parameters(
+            arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
+        )
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
@@ -98,7 +103,7 @@ def _run(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, label, parameters, folder / f"graph_{file}", arguments.procedure)
+            _record(loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure)
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
@@ -159,15 +164,20 @@ def _print_health(run: Run) -> None:
 
 
 def _record(
-    scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path, procedure: str
+    scenario: Scenario,
+    label: str,
+    parameters: Mapping[str, dict[str, Any]],
+    folder: Path,
+    by_procedure: Mapping[str, dict[str, Any]],
 ) -> None:
     """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-    graph = WeldGraph(scenario, folder, parameters=nodes, procedure=procedure)
+    companions = {"procedure": "fsw_quality.procedure_node"} if by_procedure else {}
+    graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=by_procedure)
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
-    if procedure:
+    if by_procedure:
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
@@ -51,7 +50,7 @@ def _follow(node: Operator, goal: Any) -> int:
     """Send a goal and print its feedback until the result; exit code 1 for a weld that was not done."""
     try:
         outcome = follow(node, goal)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
     kpi = outcome.kpi
     print(f"{outcome.verdict}: {outcome.message}")

@@ -1,6 +1,7 @@
 """``fsw.py monitor`` and ``fsw.py history`` on the bag of a weld."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -28,6 +29,10 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
     assert main(["history", "add", str(folder), str(BAG)]) == 0
     assert main(["history", "add", str(folder), str(BAG)]) == 1
     assert "twice" in capsys.readouterr().err
+    copied = shutil.copytree(BAG, tmp_path / "copy")
+    assert main(["history", "add", str(folder), str(copied)]) == 1
+    err = capsys.readouterr().err
+    assert "two records of one weld: copy has the files of reference_tracking" in err and len(err.splitlines()) == 1
     record = tmp_path / "record.json"
     record.write_text('{"verdict": "accept", "files": [{"name": "bag_0.mcap", "sha256": "0"}]}', encoding="utf-8")
     assert main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1

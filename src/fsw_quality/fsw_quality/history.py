@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -43,22 +44,32 @@ NUMBERS = {
     "drift_depth_um_per_min": "largest drift of depth within the weld [µm/min]",
     "drift_heat_c": "largest drift of heat within the weld [°C]",
 }
+#: hashes of the files with the messages, joined with a comma: by them a weld is known, whatever it is called
+FILES = "files_sha256"
 SCHEMA = pa.schema(
-    [(name, pa.string()) for name in TEXTS]
+    [(name, pa.string()) for name in (*TEXTS, FILES)]
     + [(name, pa.int64()) for name in COUNTS]
     + [(name, pa.float64()) for name in NUMBERS]
 )
 Row = dict[str, Any]
 
 
-def row(name: str, signals: WeldSignals, watched: Watched, identity: Mapping[str, str], verdict: str = "") -> Row:
-    """The row of a weld.
+def row(
+    name: str,
+    signals: WeldSignals,
+    watched: Watched,
+    identity: Mapping[str, str],
+    verdict: str = "",
+    files_sha256: Sequence[str] = (),
+) -> Row:
+    """The row of a weld; ``files_sha256`` are the hashes of the files with its messages.
 
     The torque at equal conditions is the model's at the operating point times the median ratio of measured and model
     torque, so that welds at other forces and depths compare.
     """
     course = course_of(signals)
     found: Row = {"weld": name, **{key: identity.get(key, "") for key in IDENTITY}, "verdict": verdict}
+    found[FILES] = ",".join(files_sha256)
     found["controllers"] = ", ".join(dict.fromkeys(str(one) for one in course.source if one))
     actions = [one for one in signals.events if one.kind == "operator"]
     found["operators"] = ", ".join(dict.fromkeys(one.text.partition(": ")[0] for one in actions))
@@ -99,7 +110,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
     Raises
     ------
     fsw_schema.models.InputError
-        If a weld is in the history already, or the folder cannot be written.
+        If a weld is in the history already, under its name or another, or the folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,13 +118,9 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
             fcntl.flock(lock, fcntl.LOCK_EX)
             files = _files(folder)
             there = load(folder) if files else SCHEMA.empty_table()
-            names = there["weld"].to_pylist() + [one["weld"] for one in rows]
-            if doubled := sorted(_twice(names)):
-                raise InputError(
-                    f"{folder}: weld {doubled[0]} would be in the history twice; nothing is added. A weld has the name "
-                    "of its canister, else of its bag"
-                )
             fresh = pa.Table.from_pylist(list(rows), SCHEMA)
+            names = there["weld"].to_pylist() + fresh["weld"].to_pylist()
+            _check_once(folder, names, there[FILES].to_pylist() + fresh[FILES].to_pylist())
             joined = len(files) >= _MOST_FILES
             number = int(files[-1].stem) + 1 if files else 0
             with replacing(folder / f"{number:06d}.parquet") as scratch:
@@ -125,12 +132,22 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
         raise InputError(f"cannot write to {folder}: {error.strerror}") from None
 
 
-def _twice(names: Iterable[str]) -> set[str]:
-    seen: set[str] = set()
-    found: set[str] = set()
-    for name in names:
-        (found if name in seen else seen).add(name)
-    return found
+def _check_once(folder: Path, names: Sequence[str], files: Sequence[str | None]) -> None:
+    """An `InputError` when a name, or a file with messages, is there twice."""
+    seen: dict[str, str] = {}
+    for name, hashes in zip(names, files, strict=True):
+        for one in filter(None, (hashes or "").split(",")):
+            if (other := seen.setdefault(one, name)) != name:
+                raise InputError(
+                    f"{folder}: two records of one weld: {name} has the files of {other}, which is in the history; "
+                    "nothing is added"
+                )
+    if len(set(names)) < len(names):
+        doubled = next(name for name, count in Counter(names).items() if count > 1)
+        raise InputError(
+            f"{folder}: weld {doubled} would be in the history twice; nothing is added. A weld has the name of its "
+            "canister, else of its bag"
+        )
 
 
 def load(folder: Path) -> pa.Table:

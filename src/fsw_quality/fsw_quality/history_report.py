@@ -130,7 +130,7 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
     """The control charts, as PNG: values with limits, CUSUM beside them, what signals in red."""
     shown = list(found)
     tool = table["tool"].to_pylist()
-    changes = [i for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
+    changes = [i + 0.5 for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(11.0, 1.6 * max(len(shown), 1) + 0.6), layout="constrained")
         axes = figure.subplots(max(len(shown), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
@@ -150,8 +150,8 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
             for limit in (CUSUM_LIMIT, -CUSUM_LIMIT):
                 right.axhline(limit, color="#d1495b", linewidth=0.8, linestyle="--")
             left.set_title(NUMBERS[name], fontsize=8.5, loc="left")
-            for change in changes:
-                left.axvline(change + 0.5, color="#2e8540", linewidth=0.8)
+            # one collection: a line for each of hundreds of tools takes seconds
+            left.vlines(changes, 0.0, 1.0, transform=left.get_xaxis_transform(), color="#2e8540", linewidth=0.8)
         axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
         for axis in axes[-1]:
             axis.set_xlabel("weld")

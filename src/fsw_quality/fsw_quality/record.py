@@ -123,6 +123,11 @@ class Gap(Model):
     duration_s: float
 
 
+def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
+    """Hashes of the files with the messages."""
+    return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
+
+
 class Record(Model):
     """Content of record.json."""
 
@@ -171,7 +176,7 @@ class Record(Model):
     @property
     def data_files(self) -> tuple[str, ...]:
         """Hashes of the files with the messages: by them two records of one weld are known."""
-        return tuple(sorted(one.sha256 for one in self.files if one.name != METADATA_NAME))
+        return data_files(self.files)
 
 
 def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:
@@ -182,6 +187,11 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     fsw_recorder.errors.BagError
         There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
     """
+    return judged(bag, *read(bag, progress), procedure)
+
+
+def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, dict[str, str]]:
+    """What is judged of a bag, and its custom data; errors as :func:`make`."""
     signals = load_weld(bag, progress)
     signals.problems.extend(_not_as_recorded(bag))
     with BagReader(bag) as reader:
@@ -189,6 +199,11 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
         if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
             told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
             signals = replace(signals, events=told)
+    return signals, custom
+
+
+def judged(bag: Path, signals: WeldSignals, custom: Mapping[str, str], procedure: Procedure) -> tuple[Record, Course]:
+    """Judge what was read of a bag; errors as :func:`make`."""
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
         raise BagError(f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others")

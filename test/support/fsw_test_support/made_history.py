@@ -31,6 +31,13 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
     texts = {"canister": "", "lid": "", "tool": "T1", "machine": "M", "controllers": "decentral", "operators": ""}
     none = {"verdict": "accept", "alarm_kinds": "", "alarm_texts": "", "alarms": 0, "swaps": 0, "operator_actions": 0}
     return [
-        {"weld": f"W{i:05d}", **texts, **none, "start_ns": i, **{name: one[i] for name, one in columns.items()}}
+        {
+            "weld": f"W{i:05d}",
+            "files_sha256": f"{i:064x}",
+            **texts,
+            **none,
+            "start_ns": i,
+            **{name: one[i] for name, one in columns.items()},
+        }
         for i in range(n)
     ]
