@@ -6,6 +6,15 @@ done already it only takes the few milliseconds of a new interpreter. In a shell
 environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
+import signal
+
+# Ctrl-C while interpreter and libraries are still being loaded ends the process as any other, without a traceback. What
+# ignores it, as in a background job, goes on ignoring it.
+INTERRUPTIBLE = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+if INTERRUPTIBLE:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # of one that came before
+
 import fcntl
 import hashlib
 import importlib
@@ -69,14 +78,25 @@ def ensure(dev=False, oldest=False, extras=()):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
+        if INTERRUPTIBLE:  # it waits until the next interpreter is here
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         os.execv(python, [python, *sys.argv])
+    _on_interrupt(signal.default_int_handler)
+
+
+def _on_interrupt(handler):
+    if INTERRUPTIBLE:
+        signal.signal(signal.SIGINT, handler)
 
 
 def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns."""
     try:
         ensure(extras=extras)
-        code = importlib.import_module(module).main()
+        _on_interrupt(signal.SIG_DFL)
+        main = importlib.import_module(module).main
+        _on_interrupt(signal.default_int_handler)
+        code = main()
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -21,6 +21,7 @@ from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
+from fsw_quality.attestation import IDENTITY
 from fsw_quality.procedure import load as load_procedure
 from fsw_quality.procedure import shipped as procedures
 from fsw_scenario.closed_loop import ClosedLoop
@@ -64,6 +65,8 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--procedure", metavar="PROCEDURE", default="", help=f"{text}; one of {', '.join(procedures())}"
     )
+    text = f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}"
+    add_repeated(parser, "--identity", "KEY=VALUE", text)
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
     parser.set_defaults(run=_run)
@@ -83,6 +86,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if not arguments.bag:
             raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
         load_procedure(arguments.procedure)
+    identity = _identity(arguments)
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
@@ -98,7 +102,18 @@ def _run(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, label, parameters, folder / f"graph_{file}", arguments.procedure)
+            nodes = {name: parameters.get(name, {}) for name in loop.scenario.controllers}
+            if not loop.scenario.open_loop:
+                nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
+            _record(
+                WeldGraph(
+                    loop.scenario,
+                    folder / f"graph_{file}",
+                    parameters=nodes,
+                    procedure=arguments.procedure,
+                    identity=identity,
+                )
+            )
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
@@ -158,17 +173,25 @@ def _print_health(run: Run) -> None:
     print_notes(f"{run.label}: {note}" for note in notes)
 
 
-def _record(
-    scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path, procedure: str
-) -> None:
-    """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
-    nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
-    if not scenario.open_loop:
-        nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-    graph = WeldGraph(scenario, folder, parameters=nodes, procedure=procedure)
-    run_graph(graph, f"{scenario.name}, bag {graph.bag}")
-    if procedure:
+def _record(graph: WeldGraph) -> None:
+    """Run a scenario in the graph, in lockstep, and leave its bag in the folder."""
+    run_graph(graph, f"{graph.scenario.name}, bag {graph.bag}")
+    if graph.procedure:
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
+
+
+def _identity(arguments: argparse.Namespace) -> dict[str, str]:
+    """What is welded with what, from the options."""
+    if arguments.identity and not arguments.bag:
+        raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
+    found: dict[str, str] = {}
+    for text in arguments.identity:
+        key, _, value = (part.strip() for part in text.partition("="))
+        if key not in IDENTITY or not value:
+            raise CommandError(f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}")
+        if found.setdefault(key, value) != value:
+            raise CommandError(f"simulate: --identity: {key} is given twice")
+    return found
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:

@@ -160,7 +160,7 @@ def test_every_figure_has_a_cause_in_words(process: str) -> None:
 
 @pytest.mark.parametrize("process", PROCESSES)
 def test_an_edge_of_the_workpiece_is_no_change_of_the_process(process: str) -> None:
-    edge = [one._replace(depth_mm=one.depth_mm + 0.05 * (one.time_s > 150.0)) for one in GOOD]
+    edge = [one._replace(depth_mm=one.depth_mm + 0.03 * (one.time_s > 150.0)) for one in GOOD]
     assert told(edge, process).keys() <= {"poor_control_depth", "poor_control_temperature"}
 
 

@@ -46,6 +46,8 @@ class WeldGraph:
     standby: bool = False  #: whether a second supervisor stands by
     monitor: bool = False  #: whether the weld is watched by the monitor
     procedure: str = ""  #: that it is welded by: YAML file, or name of a shipped one; empty: none
+    #: canister, lid, tool and machine, for the bag's metadata
+    identity: Mapping[str, str] = field(default_factory=dict)
     #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -109,6 +111,9 @@ class WeldGraph:
                 "output": str(self.bag),
                 "scenario": str(scenario_file),
                 **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
+                **(
+                    {"custom_data": [f"{key}={value}" for key, value in self.identity.items()]} if self.identity else {}
+                ),
             },
             **({"fsw_monitor": {"process": plant["process"]}} if self.monitor else {}),
         }
