@@ -37,7 +37,7 @@ MAY_IMPORT = {
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
-        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_quality", "fsw_msgs"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
     "fsw_export": {
         *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
@@ -162,7 +162,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
     said = declared(package, *_TAGS)
     started = {
         "fsw_bringup": said,
-        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_quality", "fsw_recorder"},
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
@@ -258,8 +258,10 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
-def test_package_has_what_ament_looks_for(package: Path) -> None:
+def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
+    """Without the extra ``test``, ``colcon test`` runs no test at all and says OK."""
     assert (package / "resource" / package.name).is_file()
+    assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(encoding="utf-8")
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
 

@@ -42,7 +42,8 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
         assert {"fsw_nmpc/_kernel.so", "fsw_decentral/_kernel.so"} <= set(content.namelist())
     venv.EnvBuilder(with_pip=True).create(home)
     pip = [home / "bin" / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
-    run(*pip, "-c", WORKSPACE / "requirements" / "runtime.lock", "fsw-control", cwd=place, **os.environ)
+    locks = [word for name in ("runtime", "gym") for word in ("-c", WORKSPACE / "requirements" / f"{name}.lock")]
+    run(*pip, *locks, "fsw-control[gym]", cwd=place, **os.environ)
 
     def command(*words):
         return run(home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere")  # no compiler there
@@ -50,5 +51,7 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     assert command("--version") == f"fsw-control {fsw.__version__}\n"
     assert "IAE depth" in command("simulate", "quick", "--controller", "nmpc", "--no-figures")
     assert not (place / ".cache" / "fsw_nmpc").exists()  # the library was that of the wheel
+    env = "import gymnasium; print(gymnasium.make('fsw.weld_env:fsw/Weld-v0', scenario='quick').reset(seed=1)[0].shape)"
+    assert run(home / "bin" / "python", "-c", env, cwd=place, HOME=str(place)) == "(7,)\n"
     command("demo", "--scenario", "quick", "--controller", "decentral", "--out", "welded")
     assert list((place / "welded" / "quick" / "decentral" / "bag").glob("*.mcap"))

@@ -13,5 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["fsw = fsw.main:main"]},
 )

@@ -16,4 +16,5 @@ setup(
         (f"share/{package_name}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{package_name}/config", sorted(glob("config/*"))),
     ],
+    extras_require={"test": ["pytest"]},
 )

@@ -17,6 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["decentral = fsw_schema.entry:fsw_decentral.decentral_node.main"],
         "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],

@@ -11,5 +11,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": ["hmi = fsw_schema.entry:fsw_hmi.main.main"]},
 )

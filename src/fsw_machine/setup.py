@@ -11,6 +11,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "machine = fsw_schema.entry:fsw_machine.machine_node.main",

@@ -17,6 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["nmpc = fsw_schema.entry:fsw_nmpc.nmpc_node.main"],
         "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],

@@ -13,6 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "monitor = fsw_schema.entry:fsw_quality.monitor_node.main",

@@ -13,6 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
             "scenario = fsw_schema.entry:fsw_scenario.scenario_node.main",

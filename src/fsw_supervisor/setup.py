@@ -13,5 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     entry_points={"console_scripts": [f"supervisor = fsw_schema.entry:{PACKAGE}.supervisor_node.main"]},
 )

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from controller_comparison.processes import REST, random_factors
-from controller_comparison.study import VARIATIONS
+from controller_comparison.study import KPIS, VARIATIONS
 from fsw.progress import ProgressBar
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, TIGHT
-from fsw_scenario.standard_runs import Figures, Job, failed, judged, run_all, weld
+from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
+from fsw_scenario.standard_runs import Figures, Job, failed, run_all, weld
 
 ADAPTIVE = "nmpc:adaptive"
 #: The same tuning with the model's gain and dead time of the power.
 FIXED = "nmpc:adaptive, not adapting"
 RIVALS = (CONSERVATIVE, TIGHT)
-COLUMNS = (*RIVALS, DEFAULT, FIXED, ADAPTIVE)
+COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)
 #: Random plants of other seeds than this served to choose the preset's values.
 SEED = 31415
 #: Process on which the greater depth and the temperature need nearly all of the speed.
@@ -45,21 +45,30 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
         yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
 
 
-def random_plants(count: int) -> dict[str, dict[str, Figures]]:
-    """Judged figures of every column on random plants, with noise."""
-    plants = random_factors(count, seed=SEED)
-    with controllers() as made, ProgressBar(f"{count} random plants") as bar:
+def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
+    """All figures of merit of every column on random plants from ``first`` up to ``count``, with noise."""
+    plants = dict(enumerate(random_factors(count, seed=SEED)[first:], start=first))
+    with controllers() as made, ProgressBar(f"random plants {first + 1} to {count}") as bar:
         jobs = {
             (i, column, case): Job(label, case, True, plant, parameters)
-            for i, plant in enumerate(plants)
+            for i, plant in plants.items()
             for column, (label, parameters) in made.items()
             for case in CASES
         }
         found = run_all(list(jobs.values()), bar)
     return {
-        f"{i}": {column: judged({case: found[jobs[i, column, case]] for case in CASES}) for column in COLUMNS}
-        for i in range(count)
+        f"{i}": {column: figures({case: found[jobs[i, column, case]] for case in CASES}) for column in COLUMNS}
+        for i in plants
     }
+
+
+def figures(runs: Mapping[str, Figures]) -> Figures:
+    """The figures of merit of a controller's cases, and whether an output oscillates; or the error of one case."""
+    for run in runs.values():
+        if "error" in run:
+            return {"error": run["error"]}
+    found = {f"{case} {key}": run[key] for case, run in runs.items() for key in KPIS if run.get(key) is not None}
+    return found | {"swings": any(run["swings"] for run in runs.values())}
 
 
 def nominal() -> dict[str, dict[str, Any]]:

@@ -23,8 +23,9 @@ VALIDATION_CASES = (
 
 DEAD_TIME_S = nominal().dead_time_s
 #: Processes that differ from the model: factors on its parameters, and the plant's own parameters.
-SWEEP: dict[str, dict[str, float]] = {
+SWEEP: dict[str, dict[str, float | str]] = {
     "nominal": {},
+    "canister": {"process": "canister"},  # conduction of heat in place of (16); warm at the start
     **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{

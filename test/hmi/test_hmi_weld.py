@@ -13,6 +13,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_hmi.control_room import LOST
 from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.graph import STANDBY
@@ -265,7 +266,8 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     weld.until(lambda: not weld.launcher.children["scenario"].running, "the end of the player")
     weld.until(lambda: recorded_actions(graph.bag)[-1][0] == "weld abort", "the record")
     weld.launcher.stop("recorder")
-    assert recorded_actions(graph.bag)[-5:] == [
+    # on a busy machine the page may be taken for gone while nothing reads it
+    assert [one for one in recorded_actions(graph.bag) if one[0] != LOST][-5:] == [
         ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),
         ("set-points 2.7 mm, 822 °C", "done"),

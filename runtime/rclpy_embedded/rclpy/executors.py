@@ -10,6 +10,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -294,36 +295,28 @@ class Executor:
         conditions += [condition for entity, _ in self._events for condition in entity.conditions]
         self._conditions.update(conditions)
 
+    def _shortened(self, timeout_ns: int) -> int:
+        """How long may be waited, at most a time: until the first timer, a poll of coroutines, a guard."""
+        if any(guard._triggered for guard, _ in self._guards):
+            return 0
+        waits = [wait_ns for timer, _ in self._timers if (wait_ns := timer._wait_ns()) is not None]
+        if self._tasks and any(task._resumable and not task.executing() for task in self._tasks):
+            waits.append(_POLL_NS)
+        return min(timeout_ns, *waits) if waits else timeout_ns
+
     def _collect(self, timeout_ns: int) -> None:
         """Wait until something is ready, and queue it."""
         if self._entities_changed:
             self._rebuild()
-        for timer, _ in self._timers:
-            wait_ns = timer._wait_ns()
-            if wait_ns is not None and wait_ns < timeout_ns:
-                timeout_ns = wait_ns
-        if (
-            self._tasks
-            and timeout_ns > _POLL_NS
-            and any(task._resumable and not task.executing() for task in self._tasks)
-        ):
-            timeout_ns = _POLL_NS
-        if any(guard._triggered for guard, _ in self._guards):
-            timeout_ns = 0
-        triggered = self._conditions.wait(timeout_ns)
+        triggered = self._conditions.wait(self._shortened(timeout_ns))
         self._due = None
         self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
-        ready_readers = 0
-        if triggered:
-            for reader in self._readers:
-                if reader[0].condition.is_triggered():
-                    self._ready.append(reader)
-                    ready_readers += 1
-                    if ready_readers == triggered:
-                        break
+        # Each look at a condition is a call of Cyclone DDS: none after the last that has been triggered.
+        ready = list(islice((one for one in self._readers if one[0].condition.is_triggered()), triggered))
+        self._ready.extend(ready)
         self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
-        if ready_readers < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
+        if len(ready) < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
             self._ready.extendleft(event for event in self._events if event[0].is_ready())
         if now - self._tidied_ns > _TIDY_PERIOD_NS:

@@ -157,26 +157,28 @@ def test_something_else_happens_between_any_two_lines(
         other.init(args=[], domain_id=domain_id)
         return other
 
+    lasting = None if event in _FINAL else fresh()
+
     def race(number: int) -> bool:
-        other = fresh() if event in _FINAL else lasting
+        other = lasting or fresh()
         world = _world(other)
         try:
             was_there, errors = _at_line(number, lambda: OPERATIONS[operation](world), lambda: EVENTS[event](world))
         finally:
             world.node.destroy_node()
-            if event in _FINAL:
+            if lasting is None:
                 other.destroy()
         assert errors == [], f"{event} before line {number} of {operation}"
         return was_there
 
-    lasting = fresh()
     try:
         assert race(0)
         number = 1
         while race(number):  # until there are no more lines
             number += max(1, number // (10 if event in _FINAL else 100))
     finally:
-        lasting.destroy()
+        if lasting is not None:
+            lasting.destroy()
 
 
 class WatchedLock:

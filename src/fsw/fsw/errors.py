@@ -22,7 +22,7 @@ class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
 
 
-_SHOWN = (
+SHOWN = (
     CommandError,
     CampaignError,
     IdentificationError,
@@ -47,7 +47,7 @@ def exit_code(action: Callable[[], int]) -> int:
         code = action()
         sys.stdout.flush()
         return code
-    except _SHOWN as error:
+    except SHOWN as error:
         print(f"error: {_said(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:

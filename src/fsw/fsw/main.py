@@ -27,7 +27,19 @@ RUNNING = (
     "hmi",
 )
 _COMMANDS = (
-    *(*RUNNING, "simulate", "campaign", "model", "canister", "export", "identify", "tune", "procedure", "record"),
+    *(
+        *RUNNING,
+        "simulate",
+        "campaign",
+        "model",
+        "canister",
+        "export",
+        "identify",
+        "tune",
+        "commission",
+        "procedure",
+        "record",
+    ),
     *("monitor", "history", "demo", "node", "completion"),
 )
 #: modules of the commands whose name is that of a function of the package

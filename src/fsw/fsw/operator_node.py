@@ -12,6 +12,7 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
@@ -49,7 +50,10 @@ class Operator:
         while not condition():
             if time.monotonic() > end:
                 return False
-            rclpy.spin_once(self.node, timeout_sec=0.05)
+            try:
+                rclpy.spin_once(self.node, timeout_sec=0.05)
+            except ExternalShutdownException:  # by SIGTERM
+                raise KeyboardInterrupt from None
         return True
 
     def answer(self, future: Any, name: str, extra_s: float = 0.0) -> Any:

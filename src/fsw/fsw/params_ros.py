@@ -30,7 +30,7 @@ _TYPES = {
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out; returns the exit code."""
     with operator(arguments.timeout, arguments.namespace) as node:
-        client = _client(node, arguments.node)
+        client = client_of(node, arguments.node)
 
         def answer(future: Any) -> Any:
             return node.answer(future, arguments.node)
@@ -56,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _client(node: Operator, name: str) -> AsyncParameterClient:
+def client_of(node: Operator, name: str) -> AsyncParameterClient:
+    """The client of a node's parameters; CommandError when there is no such node."""
     try:
         client = AsyncParameterClient(node.node, name)
     except NameValidationException:

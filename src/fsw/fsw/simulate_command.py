@@ -19,11 +19,13 @@ from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_quality.attestation import IDENTITY
-from fsw_quality.procedure import load as load_procedure
 from fsw_quality.procedure import shipped as procedures
+from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import name_of, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -82,10 +84,13 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run
 
+    by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.procedure:
         if not arguments.bag:
             raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
-        load_procedure(arguments.procedure)
+        by_procedure = graph_parameters(
+            arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
+        )
     identity = _identity(arguments)
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -102,18 +107,7 @@ def _run(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            nodes = {name: parameters.get(name, {}) for name in loop.scenario.controllers}
-            if not loop.scenario.open_loop:
-                nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-            _record(
-                WeldGraph(
-                    loop.scenario,
-                    folder / f"graph_{file}",
-                    parameters=nodes,
-                    procedure=arguments.procedure,
-                    identity=identity,
-                )
-            )
+            _record(loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure, identity)
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
@@ -173,15 +167,30 @@ def _print_health(run: Run) -> None:
     print_notes(f"{run.label}: {note}" for note in notes)
 
 
-def _record(graph: WeldGraph) -> None:
-    """Run a scenario in the graph, in lockstep, and leave its bag in the folder."""
-    run_graph(graph, f"{graph.scenario.name}, bag {graph.bag}")
-    if graph.procedure:
+def _record(
+    scenario: Scenario,
+    label: str,
+    parameters: Mapping[str, dict[str, Any]],
+    folder: Path,
+    by_procedure: Mapping[str, dict[str, Any]],
+    identity: Sequence[str],
+) -> None:
+    """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
+    nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
+    if not scenario.open_loop:
+        nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
+    companions = {"procedure": "fsw_quality.procedure_node"} if by_procedure else {}
+    derived = dict(by_procedure)
+    if identity:
+        derived["fsw_recorder"] = {**derived.get("fsw_recorder", {}), "custom_data": list(identity)}
+    graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=derived)
+    run_graph(graph, f"{scenario.name}, bag {graph.bag}")
+    if by_procedure:
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
 
 
-def _identity(arguments: argparse.Namespace) -> dict[str, str]:
-    """What is welded with what, from the options."""
+def _identity(arguments: argparse.Namespace) -> list[str]:
+    """What is welded with what, from the options, as the recorder takes it."""
     if arguments.identity and not arguments.bag:
         raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
     found: dict[str, str] = {}
@@ -191,7 +200,7 @@ def _identity(arguments: argparse.Namespace) -> dict[str, str]:
             raise CommandError(f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}")
         if found.setdefault(key, value) != value:
             raise CommandError(f"simulate: --identity: {key} is given twice")
-    return found
+    return [f"{key}={value}" for key, value in found.items()]
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:

@@ -26,7 +26,7 @@ _SWEEP: dict[str, dict[str, float]] = {
     **{f"thermal lag × {k:g}": {"copper_lag_s": k} for k in (0.7, 1.4)},
     **{f"dead time × {k:g}": {"dead_time_s": k} for k in (0.7, 1.3)},
 }
-_EVALUATIONS = 3000
+EVALUATIONS = 3000
 
 
 def add_command(commands: Any) -> None:
@@ -41,7 +41,7 @@ def add_command(commands: Any) -> None:
     add_file(parser, "--model", f"model file, e.g. from {program()} identify", required=True)
     add_file(parser, "--out", "folder for the files", "DIR", required=True)
     text = "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)"
-    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, _EVALUATIONS, int)
+    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
     parser.add_argument(
         "--no-sweep", action="store_true", help="without the figure of processes that differ from the model"
     )
@@ -51,21 +51,8 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
-    from fsw_nmpc.tuning import Tuning
-    from fsw_scenario.tune_decentral import NAMES, tune
-
-    own: dict[str, Mapping[str, Any]] = {}
-    for name in NAMES:
-        with ProgressBar(f"decentral:{name}") as bar:
-            own[f"decentral:{name}"] = dict(tune(name, model, arguments.evaluations, bar))
-        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"])
-    model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
-    shutil.copyfile(arguments.model, model_file)
-    tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
-    tuning_file.write_text(
-        f"# By rule from the dead time of {arguments.model.name}.\n{yaml.safe_dump(tuning)}", "utf-8"
-    )
-    _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
+    own = write_tunings(arguments.model, folder, arguments.evaluations)
+    model_file = folder / "model.yaml"
     if not arguments.no_sweep:
         from fsw_scenario.identification_design import plant_factors
         from fsw_scenario.standard_runs import draw_sweep, sweep
@@ -78,6 +65,30 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(path: Path, node: str, values: Mapping[str, Any]) -> None:
+def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str = "") -> dict[str, Mapping[str, Any]]:
+    """Search, and write the parameter files of all controllers; returns the gains of the decentralized ones by label.
+
+    ``origin``: comment for the head of the files.
+    """
+    from fsw_nmpc.tuning import Tuning
+    from fsw_scenario.tune_decentral import NAMES, tune
+
+    model = ModelParameters.from_file(model_file)
+    own: dict[str, Mapping[str, Any]] = {}
+    for name in NAMES:
+        with ProgressBar(f"decentral:{name}") as bar:
+            own[f"decentral:{name}"] = dict(tune(name, model, evaluations, bar))
+        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"], origin)
+    copy, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
+    shutil.copyfile(model_file, copy)
+    tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
+    rule = f"# By rule from the dead time of {model_file.name}.\n"
+    tuning_file.write_text(f"{origin}{rule}{yaml.safe_dump(tuning)}", "utf-8")
+    _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(copy), "tuning_file": str(tuning_file)}, origin)
+    return own
+
+
+def _write(path: Path, node: str, values: Mapping[str, Any], origin: str) -> None:
     """Write parameters of a node, as ``--ros-args --params-file`` takes them."""
-    path.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False), encoding="utf-8")
+    text = yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False)
+    path.write_text(origin + text, encoding="utf-8")

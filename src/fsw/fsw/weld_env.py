@@ -1,6 +1,6 @@
 """A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once; and a policy as a controller.
 
-``import fsw.weld_env`` makes it known to ``gymnasium.make("fsw/Weld-v0")``.
+``gymnasium.make("fsw.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has given up entry points.
 """
 
 from __future__ import annotations

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from math import degrees
 from typing import Any
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
@@ -33,17 +33,35 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _abort(arguments: argparse.Namespace) -> int:
-    """Cancel whatever goal there is."""
     with operator(arguments.timeout, arguments.namespace) as node:
-        answer = node.call(CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request())
-    if not answer.goals_canceling:
+        aborted = abort(node)
+    if not aborted:
         raise CommandError("refused: no weld is under way that could be aborted")
     print("the weld is aborted; the safe stop is requested")
     return 0
 
 
+def abort(node: Operator) -> bool:
+    """Cancel whatever goal there is; returns whether there was one."""
+    return bool(node.call(CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request()).goals_canceling)
+
+
 def _follow(node: Operator, goal: Any) -> int:
     """Send a goal and print its feedback until the result; exit code 1 for a weld that was not done."""
+    try:
+        outcome = follow(node, goal)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
+    kpi = outcome.kpi
+    print(f"{outcome.verdict}: {outcome.message}")
+    print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
+    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
+    print(f"bag: {outcome.bag or 'none is recorded'}")
+    return 0 if outcome.verdict == State.DONE else 1
+
+
+def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:
+    """Send a goal and print its feedback; returns the result, or None if ``over`` came true before."""
     client = ActionClient(node.node, RunWeld, _ACTION)
     logs = LogLines(node, "fsw_scenario", "goal rejected: ")
     if not node.wait_until(client.server_is_ready):
@@ -53,17 +71,8 @@ def _follow(node: Operator, goal: Any) -> int:
     if not handle.accepted:
         raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
     result = handle.get_result_async()
-    try:
-        node.wait_until(result.done, float("inf"))
-    except (KeyboardInterrupt, ExternalShutdownException):
-        raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
-    outcome = result.result().result
-    kpi = outcome.kpi
-    print(f"{outcome.verdict}: {outcome.message}")
-    print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
-    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
-    print(f"bag: {outcome.bag or 'none is recorded'}")
-    return 0 if outcome.verdict == State.DONE else 1
+    node.wait_until(lambda: result.done() or over(), float("inf"))
+    return result.result().result if result.done() else None
 
 
 def _print_feedback(message: Any) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from rclpy.executors import ExternalShutdownException
 
 from fsw.main import main
 from fsw_test_support.player_graph import PlayerGraph
@@ -87,6 +88,15 @@ def test_one_at_a_time_left_by_its_client_and_aborted(cell, file):
 def test_a_wrong_scenario_is_refused_before_anything_is_sent(file, capsys):
     assert main(["weld", "run", str(file), "--set", "duration_s=-1"]) == 1
     assert "duration_s = -1" in capsys.readouterr().err
+
+
+def test_a_command_that_is_terminated_says_so_in_one_line(monkeypatch, capsys):
+    def ended(*_, **__):
+        raise ExternalShutdownException
+
+    monkeypatch.setattr("rclpy.spin_once", ended)
+    assert main(["weld", "hold"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 @pytest.mark.parametrize("verb", ["hold", "resume"])

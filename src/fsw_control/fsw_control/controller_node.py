@@ -13,12 +13,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
-from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.attainable import attainable_of, out_of_reach
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
-from fsw_control.message_synchronizer import MessageSynchronizer, SampleSet
+from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError, Source, load, load_source, problem
@@ -28,6 +27,7 @@ from fsw_control.references_ros import StatedReference, reference_queue, subscri
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import LATEST, STREAM, display_publisher, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
 
 #: from the controller's parameters (empty if it has none) to the controller
@@ -61,7 +61,6 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._controller = make(self._own.values)
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
-        self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(initial)
         self._deviations = getattr(self._controller, "plan_deviations", None)
         self._references = reference_queue(self, self._on_bad_reference)
@@ -69,7 +68,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._synchronizer = MessageSynchronizer(await_drives=self._lockstep)
+        self._ticks = WeldTicks(self, self._consume, initial, self._settings["period"], await_drives=self._lockstep)
+        self._applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
         self._health: tuple[bool, str] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
         self._steps = 0
@@ -100,25 +100,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         subscribe_references(self, self._references)
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
-        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        subscribe_drives(self, self._on_drives)
-        subscribe_sensors(self, self._on_sample)
-
-    def _on_drives(self, stamp_ns: int, acting: Command) -> None:
-        self._consume(self._synchronizer.add_drives(stamp_ns, acting))
-
-    def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
-        self._consume(self._synchronizer.add(sensor, stamp_ns, value, time.monotonic()))
-
-    def _on_command(self, message: WeldCommand) -> None:
-        header, command = message.header, convert.command(message)
-        stamp_ns = convert.stamp_ns(header.stamp)
-        seen = AppliedCommand(stamp_ns, command, message.source, header.frame_id, message.healthy)
-        if self._applied.add(seen, self._synchronizer.stamps.newest_ns, time.monotonic()):
-            self._consume(self._synchronizer.add_command(stamp_ns))
-        elif self._applied.complaint:
-            text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
-            self.get_logger().warning(text, throttle_duration_sec=1.0)
+        self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
+        subscribe_drives(self, self._ticks.on_drives)
+        subscribe_sensors(self, self._ticks.on_sample)
 
     def _on_bad_reference(self, what: str) -> None:
         self._refused_references += 1
@@ -132,7 +116,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self._on_bad_reference(str(error))
 
     def _on_deadline(self) -> None:
-        self._consume(self._synchronizer.expire(time.monotonic(), self._patience_s()))
+        self._ticks.expire(self._patience_s())
 
     def _patience_s(self) -> float:
         if not self._lockstep:

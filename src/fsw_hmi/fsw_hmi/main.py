@@ -12,6 +12,7 @@ from typing import Any
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
 from fsw_control.parameters import load
+from fsw_schema.entry import quiet_start
 
 #: what serves the page; ROS 2 does not bring it
 _EXTRA = ("starlette", "uvicorn", "websockets")
@@ -58,8 +59,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
         tls = parsed.tls_cert or "", parsed.tls_key or ""
         return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_hosts or [], tls)
-    from fsw_control.node_main_ros import run
-    from fsw_hmi.hmi_node import HmiNode
+    with quiet_start():
+        from fsw_control.node_main_ros import run
+        from fsw_hmi.hmi_node import HmiNode
 
     return run(HmiNode, [argv[0], *argv[split:], *_overrides(parsed)], arguments)
 

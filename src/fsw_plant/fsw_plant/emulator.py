@@ -340,13 +340,17 @@ class PlantEmulator:
 
 
 def come_to_rest(plant: PlantEmulator) -> None:
-    """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state."""
+    """Pass the time that the watchdog, without commands, needs to bring the drives into the safe state.
+
+    Then it waits for a first command again, as at the start.
+    """
     plant.watchdog.armed = True
     for _ in range(_REST_TICKS):
         before_kn = plant.applied.force_kn
         plant.step()
         if plant.watchdog.state is WatchdogState.SAFE and plant.applied.force_kn == before_kn:
-            return
+            break
+    plant.watchdog.begin()
 
 
 def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:

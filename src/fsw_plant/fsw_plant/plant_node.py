@@ -74,7 +74,6 @@ class PlantNode(ManagedNode):
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
-        self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._guard = SingleInstanceGuard(self)
         self._open_topics(self._guard.instance)
@@ -82,6 +81,7 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Make sure that the plant is alone, and begin to tick once all are there."""
         self._pace = Lockstep()
+        self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._settings["process"] == "canister":  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)

@@ -27,9 +27,13 @@ class Watchdog:
 
     def __init__(self, config: PlantConfig) -> None:
         self.config = config
+        self.begin()
+
+    def begin(self) -> None:
+        """Wait for the first command."""
         self.state = WatchdogState.OK
         self.age_s = 0.0
-        self.armed = config["watchdog.armed_at_start"]
+        self.armed: bool = self.config["watchdog.armed_at_start"]
 
     def feed(self) -> None:
         """A valid command has come."""

@@ -31,7 +31,7 @@ def answer(graph):
     return lambda _, stamp: graph.peer.command(stamp, force_kn=80.0)
 
 
-def test_it_ticks_while_active_and_is_safe_when_deactivated(graph):
+def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     peer = graph.start(speed=0.0, autostart="false", connected=False, answer=answer(graph))
     change, plant = Manager(graph), graph.plant
     assert not plant.is_configured and not peer.node.count_publishers("fsw/depth")
@@ -53,6 +53,7 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph):
         1e3 * plant._settings["watchdog.safe_force_kn"], rel=0.01
     )
     assert peer.got["truth"][-1].axial_force > 79e3
+    assert "watchdog" not in capfd.readouterr().err  # commands were missing because none were wanted
     assert change(Transition.TRANSITION_DEACTIVATE) and change(Transition.TRANSITION_CLEANUP)
     graph.until(lambda: not peer.node.count_publishers("fsw/depth"))
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)

@@ -93,7 +93,7 @@ def read_signed(path: Path, trusted: Sequence[PublicKey] | None) -> Signed:
     InputError
         One of the two is missing or damaged, or the signature is not one of a trusted key.
     """
-    signature_path = path.with_name(path.name + signature.SUFFIX)
+    signature_path = signature.signature_path(path)
     try:
         data, armoured = path.read_bytes(), signature_path.read_text(encoding="ascii", errors="replace")
     except OSError as error:
@@ -214,11 +214,7 @@ def attest(
         if chain.problems:
             raise InputError(f"the chain cannot be continued: {chain.problems[0]}")
         if (entry := chain.of(files)) is not None:
-            if (bag / (ATTESTATION_NAME + signature.SUFFIX)).exists() or entry.content.files_sha256 != files:
-                raise BagError(
-                    f"{bag}: is in {chain_folder} already, as weld {entry.content.number} ({entry.content.bag})"
-                )
-            return _end(bag, text, entry)
+            return _end(bag, text, files, entry)
         last = chain.entries[-1] if chain.entries else None
         made = Attestation(
             number=chain.next_number,
@@ -253,17 +249,20 @@ def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519Pr
     _replace(signature.signature_path(entry), signed)
     _replace(entry, text)
     _replace(bag / ATTESTATION_NAME, text)
-    _replace(bag / (ATTESTATION_NAME + signature.SUFFIX), signed)
+    _replace(signature.signature_path(bag / ATTESTATION_NAME), signed)
 
 
-def _end(bag: Path, manifest_text: str, entry: Signed) -> Attestation:
-    """Put into a bag what is in the chain already."""
+def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed) -> Attestation:
+    """Put into a bag what is in the chain already; BagError where that has been done, or was for other files."""
+    if signature.signature_path(bag / ATTESTATION_NAME).exists() or entry.content.files_sha256 != files_sha256:
+        place = f"{entry.path.parent} already, as weld {entry.content.number} ({entry.content.bag})"
+        raise BagError(f"{bag}: is in {place}")
     if entry.content.manifest_sha256 != sha256(manifest_text.encode()):
         raise BagError(f"{bag}: {MANIFEST_NAME} is not that of weld {entry.content.number} of the chain")
     _replace(bag / MANIFEST_NAME, manifest_text)
     _replace(bag / ATTESTATION_NAME, entry.data.decode())
-    armoured = entry.path.with_name(entry.path.name + signature.SUFFIX).read_text(encoding="ascii")
-    _replace(bag / (ATTESTATION_NAME + signature.SUFFIX), armoured)
+    armoured = signature.signature_path(entry.path).read_text(encoding="ascii")
+    _replace(signature.signature_path(bag / ATTESTATION_NAME), armoured)
     return entry.content
 
 

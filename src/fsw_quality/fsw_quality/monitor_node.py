@@ -13,9 +13,8 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
-from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.contract import Command
-from fsw_control.message_synchronizer import MessageSynchronizer, SampleSet
+from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
@@ -23,6 +22,7 @@ from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_sensors
+from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_model import ModelParameters
 from fsw_msgs.msg import WeldCommand, WeldHealth
 from fsw_quality.diagnosis import Finding, load_limits
@@ -47,8 +47,8 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._process, model = self._settings["process"], self._settings["model_file"]
         self._limits = load_limits()[self._process].limits
         self._monitor = Monitor(self._process, ModelParameters.from_file(model) if model else None)
-        self._synchronizer = MessageSynchronizer(await_drives=True)
-        self._applied = AppliedCommands(_UNKNOWN)
+        self._ticks = WeldTicks(self, self._consume, _UNKNOWN, await_drives=True)
+        self._applied = self._ticks.applied
         self._references = reference_queue(self)
         self._sensors: list[Subscription] = []
         self._drives_s = float("-inf")
@@ -58,7 +58,7 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._health = self.create_publisher(WeldHealth, "fsw/monitor/health", STREAM)
         self._diagnostics = DiagnosticsPublisher(self)
         subscribe_references(self, self._references)
-        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
         subscribe_drives(self, self._on_drives)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_S, self._look, clock=steady)
@@ -69,23 +69,12 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _on_drives(self, stamp_ns: int, acting: Command) -> None:
         self._drives_s = time.monotonic()
         if not self._sensors:
-            self._sensors = subscribe_sensors(self, self._on_sample)
-        self._consume(self._synchronizer.add_drives(stamp_ns, acting))
-
-    def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
-        self._consume(self._synchronizer.add(sensor, stamp_ns, value, time.monotonic()))
-
-    def _on_command(self, message: WeldCommand) -> None:
-        header, command = message.header, convert.command(message)
-        stamp_ns = convert.stamp_ns(header.stamp)
-        seen = AppliedCommand(stamp_ns, command, message.source, header.frame_id, message.healthy)
-        if self._applied.add(seen, self._synchronizer.stamps.newest_ns, time.monotonic()):
-            self._consume(self._synchronizer.add_command(stamp_ns))
+            self._sensors = subscribe_sensors(self, self._ticks.on_sample)
+        self._ticks.on_drives(stamp_ns, acting)
 
     def _look(self) -> None:
-        now_s = time.monotonic()
-        self._consume(self._synchronizer.expire(now_s, self._settings["patience_s"]))
-        if self._sensors and now_s - self._drives_s > _SILENT_S:
+        self._ticks.expire(self._settings["patience_s"])
+        if self._sensors and time.monotonic() - self._drives_s > _SILENT_S:
             for subscription in self._sensors:
                 self.destroy_subscription(subscription)
             self._sensors = []

@@ -9,7 +9,7 @@ import pytest
 from fsw_control.parameters import defaults, load
 from fsw_quality import procedure
 from fsw_quality.procedure import Procedure
-from fsw_quality.procedure_limits import node_parameters
+from fsw_quality.procedure_limits import graph_parameters, node_parameters
 from fsw_quality.procedure_watch import ProcedureWatch, tuning_sha256
 from fsw_schema.models import InputError
 from fsw_test_support.judged_weld import short_procedure
@@ -49,6 +49,13 @@ def test_limits_follow_the_procedure() -> None:
         905.0,
     )
     assert not any("depth" in name for name in supervisor)
+
+
+def test_a_weld_by_a_procedure_has_its_limits_and_its_record() -> None:
+    found = graph_parameters("copper_lid", SUPERVISOR)
+    assert found["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
+    assert found["fsw_recorder"]["attach"] == [found["fsw_procedure"]["procedure"]]
+    assert "fsw.main record " in found["fsw_recorder"]["on_finished"][0]
 
 
 def test_commands_are_narrowed_never_widened() -> None:

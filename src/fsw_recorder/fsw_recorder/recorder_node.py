@@ -98,6 +98,7 @@ class RecorderNode(ManagedNode):
         """Make the bag, and subscribe to what is there."""
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
+        self._other_welds: set[str] = set()
         self.writer = self._make_writer()
         try:
             self._begin()
@@ -179,6 +180,7 @@ class RecorderNode(ManagedNode):
             return
         for name, types in self.get_topic_names_and_types():
             if name in self._left_out or not self._selection.takes(name):
+                self._tell_other_weld(name)
                 continue
             offers = tuple(offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name))
             known = self._subscriptions_by_topic.get(name)
@@ -189,6 +191,13 @@ class RecorderNode(ManagedNode):
                     offered = "reliable" if is_reliable(weaker) else "best effort"
                     offered += ", transient local" if is_latched(weaker) else ", volatile"
                     self.get_logger().info(f"subscribed to {name} again, for a publisher that is only {offered}")
+
+    def _tell_other_weld(self, name: str) -> None:
+        """Say once of each other weld that it is not recorded."""
+        weld = self._selection.other_weld(name)
+        if weld and weld not in self._other_welds:
+            self._other_welds.add(weld)
+            self.get_logger().info(f"the weld in namespace {weld} is not recorded here; a recorder in it does that")
 
     def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Qos, ...]) -> None:
         type_name = types[0]

@@ -12,6 +12,9 @@ from rosbags.interfaces import Qos
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import profile
 
+#: a topic of a weld or of one of its nodes, as ``/cell1/fsw/depth`` and ``/cell1/fsw_plant/transition_event``
+_WELD = re.compile(r"((?:/\w+?)*?)/fsw(?:_\w+)?/")
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
@@ -47,7 +50,7 @@ class BagRecord(NamedTuple):
 class TopicSelection:
     """Selects topics: the parameters of these names, which ``recorder.yaml`` describes.
 
-    Without ``topics`` and ``regex``, all are selected; those of other ``namespace``s are not, where one is given.
+    Without ``topics`` and ``regex``, all are selected; those of other welds are not, where a ``namespace`` is given.
 
     Raises
     ------
@@ -82,6 +85,11 @@ class TopicSelection:
         return not self.topics and self._is_own(topic)
 
     def _is_own(self, topic: str) -> bool:
-        """Whether the topic is in the namespace or shared by the domain, as ``/diagnostics``."""
+        """Whether the topic is in the namespace, but of no weld below it, or shared by the domain, as ``/clock``."""
         home = self.namespace.rstrip("/")
-        return not home or topic.startswith(f"{home}/") or topic.count("/") == 1
+        return topic.count("/") == 1 or (topic.startswith(f"{home}/") and not self.other_weld(topic))
+
+    def other_weld(self, topic: str) -> str:
+        """Namespace of the topic's weld, if that is another one than the node's; else empty."""
+        weld = _WELD.match(topic)
+        return weld[1] or "/" if weld and self.namespace and weld[1] != self.namespace.rstrip("/") else ""

@@ -25,6 +25,16 @@ from fsw_recorder.topic_subscription_ros import Repeats
 
 BEST_EFFORT = profile(reliable=False, depth=5)
 LATCHED = profile(latched=True, depth=1)
+WELDS = (
+    "/cell1/fsw/depth",
+    "/cell1/fsw_plant/transition_event",
+    "/cell1/b/fsw/depth",
+    "/cell10/fsw/depth",
+    "/fsw/depth",
+    "/fsw/fsw_mine/proposal",
+    "/diagnostics",
+    "/camera/image",
+)
 durations = st.builds(QosTime, st.integers(0, 2**31), st.integers(1, 999_999_999))
 profiles = st.builds(
     Qos,
@@ -89,15 +99,16 @@ def test_once_every_publisher_is_heard_nothing_is_missing(offers: list[Qos]) -> 
 @pytest.mark.parametrize(
     ("selection", "taken"),
     [
-        (TopicSelection(namespace="/"), {"/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth", "/diagnostics"}),
-        (TopicSelection(namespace="/cell1"), {"/cell1/fsw/depth", "/diagnostics"}),
-        (TopicSelection(namespace="/cell1", regex=".*/depth"), {"/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth"}),
+        (TopicSelection(), {*WELDS}),
+        (TopicSelection(namespace="/"), {"/fsw/depth", "/fsw/fsw_mine/proposal", "/diagnostics", "/camera/image"}),
+        (TopicSelection(namespace="/cell1/b"), {"/cell1/b/fsw/depth", "/diagnostics"}),
+        (TopicSelection(namespace="/cell1"), {"/cell1/fsw/depth", "/cell1/fsw_plant/transition_event", "/diagnostics"}),
+        (TopicSelection(namespace="/cell1", regex=".*/depth"), {one for one in WELDS if one.endswith("depth")}),
         (TopicSelection(namespace="/cell1", topics=("/fsw/depth",)), {"/fsw/depth"}),
     ],
 )
-def test_a_recorder_in_a_namespace_leaves_other_welds_alone(selection: TopicSelection, taken: set[str]) -> None:
-    names = ("/cell1/fsw/depth", "/cell10/fsw/depth", "/fsw/depth", "/diagnostics")
-    assert {name for name in names if selection.takes(name)} == taken
+def test_a_recorder_leaves_the_welds_of_other_namespaces_alone(selection: TopicSelection, taken: set[str]) -> None:
+    assert {name for name in WELDS if selection.takes(name)} == taken
 
 
 def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:

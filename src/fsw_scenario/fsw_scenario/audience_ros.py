@@ -1,6 +1,9 @@
-"""Who listens to a player's set-points, and whether another player sends some."""
+"""Who listens to a player's set-points, whether another player sends some, and which controllers there are."""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Sequence
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -8,10 +11,10 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
 class Audience:
-    """The subscribers of a node's ``setpoints``, of which so many are ``wanted`` to be controllers."""
+    """The subscribers of a node's ``setpoints``: so many controllers are ``wanted``, among them those ``named``."""
 
-    def __init__(self, node: Node, setpoints: Publisher, wanted: int) -> None:
-        self._node, self._setpoints, self._wanted = node, setpoints, wanted
+    def __init__(self, node: Node, setpoints: Publisher, wanted: int, named: Sequence[str] = ()) -> None:
+        self._node, self._setpoints, self._wanted, self._named = node, setpoints, wanted, tuple(dict.fromkeys(named))
 
     def is_complete(self) -> bool:
         """Whether all that listen to set-points get them, and enough of these are controllers."""
@@ -29,9 +32,25 @@ class Audience:
         senders = map(_node_of, self._node.get_publishers_info_by_topic(self._setpoints.topic_name))
         return sum(sender == me for sender in senders) < 2
 
+    def absent(self) -> str:
+        """Which of the named controllers are not in the weld's graph, and which are, in words; empty: all are."""
+        present = self._controllers()
+        lacking = [repr(name[:40]) for name in self._named if name not in present]
+        if not lacking:
+            return ""
+        return f"no controller {', '.join(lacking)} in the graph; there: {', '.join(present) or 'none'}"
+
+    def _controllers(self) -> list[str]:
+        pattern = re.compile(rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal")
+        found = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
+        # the supervisor subscribes to those that it would like to have, too
+        return sorted(one[1] for one in found if one and self._node.count_publishers(one[0]))
+
     def missing(self) -> str:
         """What the player waits for, in words."""
-        return f"no {self._wanted} controllers listening" if self.is_alone() else "another scenario player there"
+        if not self.is_alone():
+            return "another scenario player there"
+        return self.absent() or f"no {self._wanted} controllers listening"
 
 
 def _node_of(info: TopicEndpointInfo) -> tuple[str, str]:

@@ -10,9 +10,8 @@ from typing import Any
 
 import yaml
 
-from fsw_control.parameters import defaults, load, validate
+from fsw_control.parameters import validate
 from fsw_plant.config import specs as plant_parameters
-from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
@@ -44,12 +43,12 @@ class WeldGraph:
     realtime: bool = False  #: 10 Hz on the wall clock instead of lockstep
     record: bool = True  #: whether a recorder runs
     standby: bool = False  #: whether a second supervisor stands by
-    monitor: bool = False  #: whether the weld is watched by the monitor
-    procedure: str = ""  #: that it is welded by: YAML file, or name of a shipped one; empty: none
-    #: canister, lid, tool and machine, for the bag's metadata
-    identity: Mapping[str, str] = field(default_factory=dict)
     #: parameters of the controllers' nodes, by name of the controller; the others have their defaults
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    #: further processes, by name the module of their node; the first tick does not wait for them
+    companions: Mapping[str, str] = field(default_factory=dict)
+    #: further parameters, by node: of the companions, or what follows from a welding procedure
+    derived: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def bag(self) -> Path:
@@ -87,10 +86,8 @@ class WeldGraph:
         if self.standby:
             renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
             launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
-        if self.monitor:
-            launcher.start("monitor", "fsw_quality.monitor_node", ros_args)
-        if self.procedure:
-            launcher.start("procedure", "fsw_quality.procedure_node", ros_args)
+        for name, module in self.companions.items():
+            launcher.start(name, module, ros_args)
         return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
@@ -111,19 +108,13 @@ class WeldGraph:
                 "output": str(self.bag),
                 "scenario": str(scenario_file),
                 **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
-                **(
-                    {"custom_data": [f"{key}={value}" for key, value in self.identity.items()]} if self.identity else {}
-                ),
             },
-            **({"fsw_monitor": {"process": plant["process"]}} if self.monitor else {}),
         }
         for name in names:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
             nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
-        if self.procedure:
-            supervisor = defaults(load("fsw_supervisor", "supervisor.yaml"))
-            for name, values in graph_parameters(self.procedure, supervisor).items():
-                nodes[name] = nodes.get(name, {}) | values
+        for name, values in self.derived.items():
+            nodes[name] = nodes.get(name, {}) | dict(values)
         if self.scenario.open_loop:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
         if self.standby:

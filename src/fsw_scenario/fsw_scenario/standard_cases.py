@@ -71,7 +71,7 @@ def set_points() -> list[Reference]:
     return list(accumulate(SET_POINTS.values(), lambda reference, step: step.after(reference), initial=REST))
 
 
-def scenario(case: str, plant: Mapping[str, float | bool], controller: str) -> Scenario:
+def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
     """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``model.<name>``."""
     overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items())]
     if case not in CASES:

@@ -44,7 +44,7 @@ class Job:
     controller: str
     case: str
     noise: bool = False
-    plant: Mapping[str, float] = field(default_factory=dict)
+    plant: Mapping[str, float | str] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __hash__(self) -> int:
@@ -150,7 +150,7 @@ def failed(runs: Mapping[str, Figures]) -> str | None:
 
 def sweep(
     controllers: Mapping[str, Mapping[str, Any]],
-    processes: Mapping[str, Mapping[str, float]],
+    processes: Mapping[str, Mapping[str, float | str]],
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, dict[str, Figures]]:
     """Judged figures of controllers, by label with their parameters, on processes; sensor noise on."""

@@ -25,6 +25,7 @@ from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscr
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress, WeldReference, WeldReferencePlan
 from fsw_scenario.audience_ros import Audience
+from fsw_scenario.deviations import Deviations
 from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario, start_reference
@@ -38,9 +39,12 @@ from fsw_scenario.weld_programme_ros import TICKS_PER_REPORT, ProgrammeServer, S
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
+#: a controller that a goal names must be found within this time
+_CONTROLLER_S = 5.0
 #: mark by which the player recognises its own set-points
 _MARK = "programme {}"
 FAILED = "failed"
+_TIME_JUMPED = "the measurements' time has jumped: the scenario continues from its present position"
 
 
 class Outcome(NamedTuple):
@@ -83,11 +87,15 @@ class WeldPlayer:
         self._course = Course(references(scenario, start_reference(scenario.plant)))
         #: what the controllers follow, by the same rule, including what this node sends
         self._received = reference_queue(node)
-        self._mark, self._mark_received, self._restarts = _MARK.format(0), False, 0
+        # a scenario given at start sends none, so that its bag stays what it was
+        self._mark = _MARK.format(0) if scenario.phases or not options.from_start else ""
+        self._mark_received, self._restarts = False, 0
         self._stamps = StampFilter(silence_s=1.0)
         self._switches = deque(switches(scenario).items())
         if not options.from_start and "controller" in scenario.model_fields_set:
             self._switches.appendleft((0, scenario.controller))
+        named = [name for _, name in self._switches]
+        self._deviations = Deviations()
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._shown: deque[tuple[int, float]] = deque(maxlen=10 * READING_AGE_TICKS)  #: by the thermocouple
@@ -102,7 +110,7 @@ class WeldPlayer:
         self._requests = node.create_publisher(String, "fsw/switch_request", STREAM)
         self._ready = node.create_publisher(Header, PLAYER_READY, LATEST) if self._simulated else None
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
-        self._audience = Audience(node, self._setpoints, options.wait_for_controllers)
+        self._audience = Audience(node, self._setpoints, options.wait_for_controllers, named)
         self._stop = SafeStop(node)
         self._watch = node.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._programme: ProgrammeServer | None = None
@@ -129,8 +137,9 @@ class WeldPlayer:
         else:
             ok, answer = not (self.finished or self._aborted), f"aborted at {self._tick * TICK_S:.1f} s"
             if ok and self._listening:
+                present = self._in_force()
                 self._course.leave()
-                self._send(self._course.programme_at(self._tick), 0)  # voids those sent ahead
+                self._send(present, 0)  # voids those sent ahead
         self._aborted = self._aborted or ok
         return ok, answer
 
@@ -143,7 +152,8 @@ class WeldPlayer:
     def _on_watch(self) -> None:
         if self.finished:
             return
-        if not self._listening and self._audience.is_complete() and self._audience.is_alone():
+        absent = "" if self._listening else self._audience.absent()
+        if not (self._listening or absent) and self._audience.is_complete() and self._audience.is_alone():
             self._begin()
         if self._aborted or (self._programme is not None and self._programme.machine.state is State.ABORTED):
             self._stop.ask()
@@ -152,7 +162,10 @@ class WeldPlayer:
                     self._programme.publish(self._stamp_ns)
                 self._end(State.ABORTED, f"the weld is {self.describe()}; {self._stop.answer}")
         silence_s = self._options.silence_timeout_s
-        if time.monotonic() - self._last_sample_s > silence_s:
+        silent_s = time.monotonic() - self._last_sample_s
+        if absent and not self._options.from_start and silent_s > _CONTROLLER_S:
+            self._end(FAILED, f"{absent}; start it, or name another one")
+        elif silent_s > silence_s:
             missing = "no measurement on fsw/depth" if self._listening else self._audience.missing()
             self._end(FAILED, f"{missing} for {silence_s:g} s; is the graph running, on the same domain?")
 
@@ -170,7 +183,7 @@ class WeldPlayer:
             self._programme = ProgrammeServer(
                 self._node, machine, self._course, self._in_force, self._restart, self._tell
             )
-            self._subscriptions.append(subscribe_sent(self._node, self._received, self._on_received))
+        self._subscriptions.append(subscribe_sent(self._node, self._received, self._on_received))
         if self._programme is not None or not self._options.from_start:
             self._stop.watch(self.abort)
         self._subscriptions += subscribe_sensors(self._node, self._on_sample)
@@ -190,9 +203,7 @@ class WeldPlayer:
         if accepted is None:
             return
         if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
-            self._node.get_logger().warning(
-                "the measurements' time has jumped: the scenario continues from its present position"
-            )
+            self._node.get_logger().warning(_TIME_JUMPED)
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
@@ -208,9 +219,9 @@ class WeldPlayer:
             if not self._synchronous:
                 self._announce()
         self._last_sample_s = time.monotonic()
-        self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
+        self._tick, self._stamp_ns = 1 + round((stamp_ns - self._first_ns) / TICK_NS), stamp_ns
         if self._programme is not None:
-            machine, self._stamp_ns = self._programme.machine, stamp_ns
+            machine = self._programme.machine
             jumped = machine.follow(self._tick, _reading_c(self._shown, stamp_ns))
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
@@ -219,12 +230,8 @@ class WeldPlayer:
                 self._course.resume(present, self._tick)
                 self._restart(present)
                 self._node.get_logger().info(f"temperature reached: {machine.describe()}")
-            if self._course.followed and self._mark_received and self._received.mark != self._mark:
-                self._node.get_logger().warning(
-                    "manual set-points are in force; those of the programme follow after a resume"
-                )
-                self._course.leave()
-                self._announce()
+        self._yield_to_hand()
+        if self._programme is not None:
             self._programme.on_tick(stamp_ns)
         self._judge(depth_mm)
         if self._programme is None:
@@ -236,18 +243,34 @@ class WeldPlayer:
             self._emulator.send_until(self._tick + 1)
         while self._switches and self._switches[0][0] <= self._tick + 1:
             _, controller = self._switches.popleft()
+            self._deviations.ask(controller, self._tick)
             self._requests.publish(String(data=controller))
         if (self._tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self._tick
             self._report(False)
         if self._tick >= self.scenario.n_ticks:
             self._report(True)
-            self._end(State.DONE, f"{self.scenario.name} is over after {self.scenario.duration_s:g} s")
+            over = f"{self.scenario.name} is over after {self.scenario.duration_s:g} s"
+            self._end(State.DONE, f"{over}{self._deviations}")
+
+    def _yield_to_hand(self) -> None:
+        """Send nothing more when set-points that are not this node's are in force."""
+        self._received.at(self._stamp_ns)
+        if not (self._course.followed and self._mark_received and self._received.mark != self._mark):
+            return
+        what = "no more in this scenario" if self._programme is None else "after a resume"
+        self._node.get_logger().warning(f"manual set-points are in force; those planned follow {what}")
+        self._course.leave()
+        self._announce()
+        if self._programme is None:
+            self._deviations.note_by_hand(self._tick)
 
     def _judge(self, depth_mm: float) -> None:
-        """Keep the figures of merit."""
+        """Keep the figures of merit, and who is in control."""
         ticks, self._judged = self._tick + self._held - self._judged, self._tick + self._held
-        wanted = self._course.programme_at(self._tick) if self._programme is None else self._in_force()
+        self._deviations.count(self._stop.controller, self._tick, ticks)
+        planned = self._programme is None and self._course.followed
+        wanted = self._course.programme_at(self._tick) if planned else self._in_force()
         shown_c = self._shown[-1][1] if self._shown else nan
         self.kpi.add(max(ticks, 0) * TICK_S, wanted, depth_mm, shown_c)
 
@@ -258,8 +281,8 @@ class WeldPlayer:
             return
         self._fed = self._tick
         state = State.RUNNING if left else State.DONE
-        planned = self._course.programme_at(self._tick)
-        self._tell(_progress(stamp_ns, State.ABORTED if self._aborted else state, left, planned))
+        state = State.ABORTED if self._aborted else state
+        self._tell(_progress(stamp_ns, state, left, self._course.programme_at(self._tick), not self._course.followed))
 
     def _report(self, finished: bool) -> None:
         tick, wall_s = min(self._tick, self.scenario.n_ticks), time.monotonic() - self._began_s
@@ -282,8 +305,7 @@ class WeldPlayer:
         self._send_ahead()
 
     def _send(self, one: Reference, stamp_ns: int) -> None:
-        mark = self._mark if self.scenario.phases else ""
-        self._setpoints.publish(convert.reference_message(one, stamp_ns, mark=mark))
+        self._setpoints.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
 
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
@@ -320,7 +342,7 @@ def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
     return next((value for at_ns, value in reversed([*shown]) if at_ns <= known_ns), nan)
 
 
-def _progress(stamp_ns: int, state: State, ticks_left: int, planned: Reference) -> WeldProgress:
+def _progress(stamp_ns: int, state: State, ticks_left: int, planned: Reference, left: bool) -> WeldProgress:
     """The progress of a scenario without phases."""
     return WeldProgress(
         header=convert.header(stamp_ns),
@@ -328,4 +350,5 @@ def _progress(stamp_ns: int, state: State, ticks_left: int, planned: Reference) 
         time_left=ticks_left * TICK_S,
         depth=units.m_from_mm(planned.depth_mm),
         temperature=planned.temperature_c,
+        left=left,
     )

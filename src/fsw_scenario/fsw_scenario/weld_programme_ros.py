@@ -31,6 +31,7 @@ class SafeStop:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.answer = ""
+        self.controller = ""  #: in control, as the supervisor has last said
         self._asked: Future | None = None
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._states: Subscription | None = None
@@ -39,6 +40,7 @@ class SafeStop:
         """Call ``abort`` when a safe stop comes from elsewhere; that returns whether it had something to give up."""
 
         def on_state(message: SupervisorState) -> None:
+            self.controller = message.actual_controller
             if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
                 self.answer = f"safe stop by the supervisor: {message.reason}"
 

@@ -7,12 +7,16 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
+from std_msgs.msg import String
 
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_msgs.action import RunWeld
-from fsw_msgs.msg import SupervisorState
+from fsw_msgs.msg import SupervisorState, WeldCommand
 from fsw_msgs.srv import SetDisturbance, SetMode
 from fsw_test_support.player_graph import PlayerGraph
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 SHORT = {
@@ -174,6 +178,53 @@ def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
     assert answer.result.message.endswith("safe stop by the supervisor: an interlock")
+
+
+@pytest.mark.parametrize("change", [{"controller": "unknown"}, {"events": [{"at_s": 1.0, "switch": "unknown"}]}])
+def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(caller, change, monkeypatch):
+    monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", 0.2)
+    here = caller.peer.create_publisher(WeldCommand, "fsw/decentral/proposal", STREAM)
+    caller.until(lambda: caller.player.count_publishers(here.topic_name), "the other controller")
+    requests = []
+    caller.peer.create_subscription(String, "fsw/switch_request", requests.append, STREAM)
+    answer = caller.result(caller.send(SHORT | change))
+    assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "failed")
+    assert answer.result.message == (
+        "no controller 'unknown' in the graph; there: decentral; start it, or name another one"
+    )
+    assert not requests and not caller.follows and not caller.feedback
+
+
+def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_control(caller, monkeypatch):
+    monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", PATIENCE_S)
+    sent = caller.send(SHORT, ["controller=unknown"])
+    caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld._audience.absent())
+    assert not caller.weld._listening
+    caller.peer.create_publisher(WeldCommand, "fsw/unknown/proposal", STREAM)
+    caller.until(lambda: caller.weld._listening and caller.listens(), "the beginning")
+    caller.states.publish(SupervisorState(actual_controller="decentral"))
+    caller.until(lambda: caller.weld._stop.controller, "the supervisor's state")
+    for _ in range(29):
+        caller.tick()
+    caller.number += 1
+    caller.depth(caller.number)
+    answer = caller.result(sent)
+    assert answer.result.message == "short is over after 3 s; decentral was in control for 0.9 s, not asked for"
+
+
+def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
+    handle = caller.begin(SHORT)
+    for _ in range(5):
+        caller.tick()
+    caller.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
+    caller.until(lambda: caller.tick() == Reference(2.65, 815.0) and not caller.weld._course.followed)
+    while caller.number < 29:
+        assert caller.tick() == Reference(2.65, 815.0)
+    caller.number += 1
+    caller.depth(caller.number)
+    answer = caller.result(handle)
+    assert answer.result.verdict == "done" and "; set-points by hand from " in answer.result.message
+    assert caller.feedback[-1].progress.left
 
 
 def test_the_weld_goes_on_without_its_client(caller):

@@ -35,22 +35,11 @@ def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervi
         assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}
 
 
-def test_the_monitor_is_told_which_process_it_watches_and_the_plant_does_not_wait_for_it():
-    scenario = parse("{name: short, duration_s: 5.0, plant: {process: canister}}")
-    graph, without = (WeldGraph(scenario, Path("weld"), ("decentral",), monitor=one) for one in (True, False))
-    nodes, usual = (one.parameter_file(Path("s.yaml")) for one in (graph, without))
-    assert nodes.pop("fsw_monitor")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
-    assert nodes == usual
-
-
-def test_a_weld_by_a_procedure_has_its_limits_and_its_record(tmp_path):
+def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_not_wait_for_companions(tmp_path):
     scenario = parse("{name: short, duration_s: 5.0}")
-    plain = WeldGraph(scenario, tmp_path).parameter_file(tmp_path / "scenario.yaml")
-    nodes = WeldGraph(scenario, tmp_path, procedure="copper_lid").parameter_file(tmp_path / "scenario.yaml")
-    values = {name: section["ros__parameters"] for name, section in nodes.items()}
-    assert values["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
-    assert values["fsw_recorder"]["output"] == str(tmp_path / "bag")
-    assert values["fsw_recorder"]["attach"] == [values["fsw_procedure"]["procedure"]]
-    assert "fsw.main record " in values["fsw_recorder"]["on_finished"][0]
-    assert values["fsw_procedure"]["use_sim_time"] is True
-    assert "fsw_procedure" not in plain
+    further = {"fsw_recorder": {"attach": ["limits.yaml"]}, "fsw_watch": {"process": "canister"}}
+    graph = WeldGraph(scenario, tmp_path, companions={"watch": "watch_node"}, derived=further)
+    nodes, usual = (one.parameter_file(tmp_path / "s.yaml") for one in (graph, WeldGraph(scenario, tmp_path)))
+    assert nodes.pop("fsw_watch")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
+    assert nodes["fsw_recorder"]["ros__parameters"].pop("attach") == ["limits.yaml"]
+    assert nodes == usual

@@ -1,4 +1,4 @@
-"""Entry points of programs that take long to import: Ctrl-C meanwhile ends them without a traceback.
+"""Entry points of programs that take long to import: Ctrl-C or SIGTERM meanwhile ends them quietly.
 
 Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is an entry point that
 imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``. This package imports next to nothing.
@@ -9,7 +9,25 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def quiet_start() -> Iterator[None]:
+    """For imports of a program that takes long to import: SIGINT and SIGTERM end the process at once with 0."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = [signal.signal(sign, lambda *_: os._exit(0)) for sign in _SIGNALS]
+    try:
+        yield
+    finally:
+        for sign, handler in zip(_SIGNALS, before, strict=True):
+            signal.signal(sign, handler)
 
 
 class Program:
@@ -26,14 +44,14 @@ class Program:
     def __call__(self) -> int:
         """Import and call it; returns its exit code, 0 when it is interrupted before it begins."""
         module, _, function = self._path.rpartition(".")
-        replace = threading.current_thread() is threading.main_thread()
-        before = signal.signal(signal.SIGINT, lambda *_: os._exit(0)) if replace else None
         try:
-            program = getattr(import_module(module), function)
-        finally:
-            if replace:
-                signal.signal(signal.SIGINT, before)
-        return int(program() or 0)
+            with quiet_start():
+                program = getattr(import_module(module), function)
+            return int(program() or 0)
+        except KeyboardInterrupt:  # between the imports and what takes care of signals from then on
+            for sign in _SIGNALS:
+                signal.signal(sign, signal.SIG_IGN)
+            return 0
 
 
 def __getattr__(name: str) -> Program:

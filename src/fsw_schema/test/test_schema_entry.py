@@ -7,17 +7,29 @@ import pytest
 
 SLOW = """
 import os, signal, sys
-if "interrupted" in sys.argv:
-    os.kill(os.getpid(), signal.SIGINT)
+def end(sign):
+    os.kill(os.getpid(), sign)
     while True:
         pass
+if "interrupted" in sys.argv:
+    end(signal.SIGINT)
+if "terminated" in sys.argv:
+    end(signal.SIGTERM)
 def main():
+    if "later" in sys.argv:
+        end(signal.SIGINT)
     print("begins", signal.getsignal(signal.SIGINT) is signal.default_int_handler)
     return 3
 """
 
 
-@pytest.mark.parametrize(("words", "expected"), [([], (3, "begins True\n", "")), (["interrupted"], (0, "", ""))])
+QUIET = (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [([], (3, "begins True\n", "")), (["interrupted"], QUIET), (["terminated"], QUIET), (["later"], QUIET)],
+)
 def test_a_program_is_called_or_ends_quietly_while_it_is_imported(tmp_path, words, expected):
     (tmp_path / "slow").mkdir()
     (tmp_path / "slow" / "node.py").write_text(SLOW)

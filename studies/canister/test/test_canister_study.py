@@ -55,6 +55,7 @@ def made(index, controller, good, phase="joint_line"):
         "phase": phase,
         "seconds": 60.0,
         **figures,
+        "power_kw": 50.0,
         "good": good,
         "outside_s": 0.0 if good else 9.0,
     }
@@ -80,7 +81,7 @@ def test_canisters_beyond_the_drives_and_those_on_which_the_nmpc_goes_astray_are
     rows.append(made(5, "nmpc:default", False, "downward") | {"temperature_peak_c": 33.0})
     found = report.summary(rows)
     assert list(found["saturated"]) == [4] and len(found["saturated"][4]) == count
-    assert found["astray"] == {5: 33.0}
+    assert {name: of for name, of in found["astray"].items() if of} == {"nmpc:default": [33.0]}
     assert found["bad"] == {"all": 1, "long": 0}
     assert report.beyond(found["saturated"])[1] == ["4, `nmpc:default`", "30", "6.0", "6.00"]
 
@@ -92,6 +93,18 @@ def test_a_controller_is_the_best_where_its_figure_is_the_smallest():
     assert report.best_of(found, "moved_rpm", "nmpc:default") == "joint line"
     assert report.best_of(found, "moved_rpm", "decentral:tight") == ""
     assert report.against(found, "joint_line", "moved_rpm") == "50 % to 50 %"
+
+
+def test_the_best_of_a_canister_has_the_smallest_error_of_the_whole_weld_and_slow_ones_do_not_count():
+    names = [name for name in report.CONTROLLERS if name != "nmpc:paper"]
+    rows = [made(index, name, True, phase) for index in (0, 1) for name in names for phase in ("start", "overlap")]
+    rows += [made(0, "nmpc:paper", True) | {"temperature_sigma_c": 0.1}, made(2, "nmpc:default", True)]
+    for row in rows[:4]:  # of canister 0: the default one is good in a phase and bad in the other
+        row["temperature_sigma_c"] = {"start": 20.0, "overlap": 0.0}[row["phase"]]
+    rows[2]["temperature_sigma_c"] = rows[3]["temperature_sigma_c"] = 5.0
+    rows[2 * len(names)]["temperature_sigma_c"] = 1.0  # default, canister 1
+    found = report.summary(rows)
+    assert found["best"] == {name: {names[0]: 0.5, names[1]: 0.5}.get(name, 0.0) for name in names}
 
 
 def test_rows_of_several_versions_are_refused(tmp_path):
@@ -196,6 +209,9 @@ def test_the_page_is_written(tmp_path):
     assert "| **all phases** | 1 of 1, 21 to 100 % | 1 of 1, 21" in verdict_page.read_text()
     assert "stir zone | 0.30" in first.read_text()
     assert figure.stat().st_size > 10_000 and shares.stat().st_size > 5_000
+    folder = tmp_path / "verdict"  # the plant was not validated
+    folder.mkdir()
+    assert report.write({"validation": {}, "verdict": data["verdict"]}, folder)[0] == folder / "canister-verdict.md"
     data["verdict"], folder = report.summary([]), tmp_path / "plant"  # nothing was welded
     folder.mkdir()
     assert report.write(data, folder) == [folder / "canister.md", folder / "canister.png"]

@@ -1,0 +1,298 @@
+"""``fsw.py commission``: leads through the commissioning of a running graph, from a check to an acceptance test."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import signal
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from fsw import __version__
+from fsw.commissioning import (
+    STEPS,
+    Course,
+    Guard,
+    Outcome,
+    Session,
+    accept_rows,
+    check_experiment,
+    check_rows,
+    identify_rows,
+    outcome_of,
+    tune_rows,
+    write_report,
+)
+from fsw.console import program
+from fsw.errors import SHOWN, CommandError
+from fsw.operate import add_graph_options
+from fsw.options import add_file, add_number
+from fsw.outputs import new_folder, write_text
+from fsw.progress import ProgressBar
+from fsw.tune import EVALUATIONS, write_tunings
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control import weld
+from fsw_model import ModelParameters
+from fsw_schema.models import InputError, content_of, read_text, validate
+from fsw_schema.ranges import Range
+
+if TYPE_CHECKING:
+    from fsw_scenario.scenario import Scenario
+
+#: the file by which commissioning is taken up again, and the report
+_COURSE, _REPORT = "commission.yaml", "report.md"
+#: ticks that the check listens to
+_TICKS = 100
+#: the experiment ends with a return to the operating point, which takes so long
+_RETURN_S = 30.0
+_TUNINGS = ("conservative", "tight", "smith")
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "commission",
+        help="lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
+        description="Lead through commissioning: "
+        + "; ".join(f"{name}: {step.text}" for name, step in STEPS.items())
+        + ". "
+        "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
+        "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
+    )
+    add_graph_options(parser)
+    add_file(
+        parser,
+        "--out",
+        "folder for bags, model, tunings and report; that of an earlier run goes on",
+        "DIR",
+        required=True,
+    )
+    parser.add_argument(
+        "--controller", choices=("decentral", "nmpc"), default="decentral", help="to be accepted (default %(default)s)"
+    )
+    parser.add_argument("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)")
+    experiment = (
+        f"steps of set-points, shipped or a YAML file, e.g. from {program()} identify --design (default %(default)s)"
+    )
+    parser.add_argument("--experiment", metavar="SCENARIO", default="identify_closed_loop", help=experiment)
+    test = "that of the last step (default %(default)s)"
+    parser.add_argument("--acceptance", metavar="SCENARIO", default="acceptance", help=test)
+    text = "of the search, per tuning (default %(default)s: some minutes)"
+    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
+    add_number(
+        parser, "--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1
+    )
+    parser.add_argument(
+        "--yes", action="store_true", help="yes to every step, for scripts; leaves after one that fails"
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from fsw_scenario.scenario_file import load
+
+    for one in (arguments.experiment, arguments.acceptance):  # what is wrong in them is said before anything is done
+        check_experiment(load(one))
+    file: Path = arguments.out / _COURSE
+    course = (
+        validate(Course, content_of(read_text(file, "commission"), str(file)), str(file)) if file.exists() else Course()
+    )
+    if not file.exists():
+        new_folder(arguments.out, "commission")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    work = Work(arguments)
+    session = Session(
+        course,
+        {name: getattr(work, name) for name in STEPS},
+        (lambda question: "yes") if arguments.yes else _ask,
+        partial(print, flush=True),
+        work.save,
+        SHOWN,
+        work.warning,
+    )
+    work.save(course)
+    done = session.run(once=arguments.yes)
+    left = session.course.next
+    print(
+        f"\n{'commissioned' if done else f'left at {left}; the same command goes on there'}: {arguments.out / _REPORT}"
+    )
+    return 0 if done else 1
+
+
+def _ask(question: str) -> str:
+    try:
+        return input(question)
+    except EOFError:
+        print("", file=sys.stderr)
+        return "quit"
+
+
+class Work:
+    """Carries the steps out; everything is in the folder ``--out``."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._folder: Path = arguments.out.resolve()
+        self._model, self._tuned = self._folder / "model.yaml", self._folder / "tuned"
+
+    def save(self, course: Course) -> None:
+        """Write the course and the report."""
+        text = yaml.safe_dump(course.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120)
+        write_text(self._folder / _COURSE, text)
+        words = f"Of `{self._arguments.controller}` with fsw-control {__version__}, by `{program()} commission`."
+        write_report(course, self._folder / _REPORT, words)
+
+    def warning(self, step: str) -> str:
+        """What a step is about to move."""
+        if step == "apply":
+            return f"   {self._arguments.controller} gets another tuning: no jump, but it will control differently"
+        scenario = self._scenario(step)
+        at = [(one.reference.depth_mm, one.reference.temperature_c) for one in scenario.events if one.reference]
+        depths, temperatures = ([one for one in column if one is not None] for column in zip(*at, strict=True))
+        span = ", ".join(f"{min(c):g} to {max(c):g} {u}" for c, u in ((depths, "mm"), (temperatures, "degC")) if c)
+        return f"   moves for {scenario.duration_s:g} s: set-points of {span}, by {scenario.controller}; Ctrl-C aborts"
+
+    def check(self) -> Outcome:
+        """Listen to the graph at rest."""
+        from fsw.commission_ros import listen
+
+        needed = sorted({"decentral", self._arguments.controller})
+        return outcome_of(check_rows(listen(self._arguments, _TICKS), needed), _now())
+
+    def experiment(self) -> Outcome:
+        """Weld the experiment."""
+        from fsw.commission_ros import weld as weld_it
+
+        bag = self._new_bag("experiment")
+        weld_it(self._arguments, self._scenario("experiment").text, bag, Guard())
+        return outcome_of([], _now(), f"recorded to {bag.name}")
+
+    def identify(self) -> Outcome:
+        """Fit the model to the last experiment."""
+        from fsw.processes import fit
+        from fsw_identification import report, summary
+        from fsw_identification.weld_data import prepare
+
+        bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
+        with ProgressBar("identifying") as bar:
+            found = fit([prepare(_signals(bag), lag_s)], None, None, ModelParameters(), lag_s, False, bar)
+        write_text(self._model, self._origin(bag) + found.text)
+        (self._folder / "identification").mkdir(exist_ok=True)
+        report.write(found, self._folder / "identification")
+        notes = "; ".join(summary.remarks(found))
+        return outcome_of(identify_rows(found.parameters, found.std), _now(), f"identification/report.html; {notes}")
+
+    def tune(self) -> Outcome:
+        """Search for the tunings."""
+        from fsw_decentral import Gains
+        from fsw_scenario.tune_decentral import BOUNDS, robustness
+
+        self._tuned.mkdir(exist_ok=True)
+        model = ModelParameters.from_file(self._model)
+        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
+        found = {label.partition(":")[2]: robustness(Gains(**gains), model) for label, gains in own.items()}
+        return outcome_of(tune_rows(found, BOUNDS), _now(), "files in tuned")
+
+    def apply(self) -> Outcome:
+        """Set the gains of the decentralized controller; the NMPC must have been started with its file."""
+        from fsw.commission_ros import parameter, set_parameters
+
+        if self._arguments.controller == "decentral":
+            set_parameters(self._arguments, "fsw_decentral", self._parameters())
+            note = f"in force until its restart; then give it --params-file {self._file()}"
+        else:
+            has = parameter(self._arguments, "fsw_nmpc", "model_file")
+            if has != self._parameters()["model_file"]:
+                raise CommandError(
+                    f"the NMPC takes a model at its start only: start it with --params-file {self._file()}"
+                )
+            note = f"it was started with {self._file()}"
+        return outcome_of([], _now(), note)
+
+    def accept(self) -> Outcome:
+        """Weld the acceptance test, and compare it with the weld that the model predicts."""
+        from fsw.commission_ros import weld as weld_it
+        from fsw.welds import simulate
+        from fsw_analysis.kpi import compute
+
+        scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
+        weld_it(self._arguments, scenario.text, bag, Guard())
+        file = self._folder / "acceptance.yaml"
+        write_text(file, scenario.text)
+        plant = {"model_file": str(self._model)}
+        predicted = simulate(file, name, plant=plant, parameters=self._parameters()).signals
+        found = _cut(_signals(bag), scenario)
+        measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
+        rows = accept_rows(measured, usual, found.command_source, name)
+        return outcome_of(rows, _now(), f"recorded to {bag.name}")
+
+    def _scenario(self, step: str) -> Scenario:
+        """The scenario of a step; the experiment returns to the operating point at its end."""
+        from fsw_scenario.scenario_file import load, parse
+
+        if step == "accept":
+            return load(self._arguments.acceptance, [f"controller={self._arguments.controller}"])
+        made = load(self._arguments.experiment)
+        content = yaml.safe_load(made.text)
+        rest = {"depth_mm": weld.DEPTH_MM, "temperature_c": weld.TEMPERATURE_C}
+        content["events"].append({"at_s": made.duration_s, "reference": rest})
+        return parse(yaml.safe_dump(content | {"duration_s": made.duration_s + _RETURN_S}), made.name)
+
+    def _file(self) -> Path:
+        """The parameter file of the controller."""
+        by_name = {"nmpc": "nmpc.yaml", "decentral": f"decentral_{self._arguments.tuning}.yaml"}
+        return self._tuned / by_name[self._arguments.controller]
+
+    def _parameters(self) -> dict[str, Any]:
+        content = yaml.safe_load(read_text(self._file(), "tuning"))
+        return dict(content[f"fsw_{self._arguments.controller}"]["ros__parameters"])
+
+    def _bags(self, step: str) -> list[Path]:
+        return sorted(self._folder.glob(f"{step}_*"), key=lambda path: int(path.name.rpartition("_")[2]))
+
+    def _bag(self, step: str) -> Path:
+        if not (bags := self._bags(step)):
+            raise CommandError(f"no bag of {step} in {self._folder}; repeat it")
+        return bags[-1]
+
+    def _new_bag(self, step: str) -> Path:
+        return self._folder / f"{step}_{len(self._bags(step)) + 1}"
+
+    def _origin(self, source: Path) -> str:
+        """Comment that says where a file is from: what it was made of, its hash, when and by which software."""
+        found = hashlib.sha256()
+        for path in sorted(source.glob("*.mcap")) if source.is_dir() else [source]:
+            found.update(path.read_bytes())
+        of = f"{source.name}, SHA-256 {found.hexdigest()}"
+        return f"# Origin: {of}; {_now()}, fsw-control {__version__}, {program()} commission.\n"
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S %Z")
+
+
+def _signals(bag: Path) -> WeldSignals:
+    from fsw_analysis.signals import load_weld
+
+    with ProgressBar(f"reading {bag.name}") as bar:
+        return load_weld(bag, bar)
+
+
+def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
+    """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
+    from fsw_analysis.changes import changes, part
+
+    first = [one.begin for one in changes(signals) if one.quantity.endswith("reference")]
+    if not first:
+        raise InputError(f"{signals.path}: the set-points do not change")
+    begin = signals.time_s[first[0]] - scenario.events[0].at_s
+    inside = (signals.time_s > begin - 1e-6) & (signals.time_s < begin + scenario.duration_s - 1e-6)
+    ticks = inside.nonzero()[0]
+    cut: WeldSignals = part(signals, slice(int(ticks[0]), int(ticks[-1]) + 1))
+    return cut

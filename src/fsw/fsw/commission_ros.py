@@ -1,0 +1,153 @@
+"""What commissioning does in the graph: listen, weld a scenario while recording it, set a controller's parameters."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rclpy.parameter import Parameter, parameter_value_to_python
+from sensor_msgs.msg import Temperature
+
+from fsw.commissioning import Guard, Heard
+from fsw.errors import CommandError
+from fsw.operate import health
+from fsw.operator_node import Operator, domain_text, operator
+from fsw.params_ros import client_of
+from fsw.weld_ros import abort, follow
+from fsw_control import messages_ros as convert
+from fsw_control import units
+from fsw_control.topics_ros import LATEST, STREAM
+from fsw_control.weld import TICK_S
+from fsw_msgs.action import RunWeld
+from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.weld_programme import State
+
+_RECORDER = "fsw_commission_recorder"
+#: what must be recorded before anything moves
+_RECORDED = ("fsw/depth", "fsw/spindle_torque", "fsw/thermocouple", "fsw/drives", "fsw/command", "fsw/reference")
+
+
+def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
+    """Listen to so many ticks; CommandError when there is no such graph."""
+    with operator(arguments.timeout, arguments.namespace) as node:
+        states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
+        set_points = node.watch_set_points()
+        node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
+        commands = node.watch(WeldCommand, "fsw/command")
+        drives = node.watch(DriveFeedback, "fsw/drives")
+        depths = node.watch(ShoulderDepth, "fsw/depth")
+        torques = node.watch(SpindleTorque, "fsw/spindle_torque")
+        temperatures = node.watch(Temperature, "fsw/thermocouple")
+        heard = (commands, drives, depths, torques, temperatures)
+        patience_s = node.timeout_s + 2.0 * ticks * TICK_S
+        if not node.wait_until(lambda: states and all(len(one) >= ticks for one in heard), patience_s):
+            counts = ", ".join(
+                f"{len(one)} of {name}"
+                for name, one in zip(("commands", "drives", "depth", "torque", "temperature"), heard, strict=True)
+            )
+            raise CommandError(f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}: {counts}")
+        reference = node.set_points_in_force(set_points, depths)
+    state = states[-1]
+    commanded = [convert.command(one) for one in commands]
+    force_kn = sum(one.force_kn for one in commanded) / len(commanded)
+    speed_rpm = sum(one.speed_rpm for one in commanded) / len(commanded)
+    return Heard(
+        time_s=[1e-9 * convert.stamp_ns(one.header.stamp) for one in depths],
+        depth_mm=[units.mm_from_m(one.depth) for one in depths],
+        torque_nm=[one.torque for one in torques],
+        temperature_c=[one.temperature for one in temperatures],
+        force_kn=[units.kn_from_n(one.axial_force) - force_kn for one in drives],
+        speed_rpm=[units.rpm_from_rad_s(one.spindle_speed) - speed_rpm for one in drives],
+        reference=None if reference is None else (reference.depth_mm, reference.temperature_c),
+        mode=state.actual_mode,
+        controller=state.actual_controller,
+        ready=[one.name for one in state.controllers if health(one) == "ready"],
+        interlocks=list(state.interlocks),
+    )
+
+
+def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> None:
+    """Weld a scenario and record it; the weld is aborted when the guard says so, and by Ctrl-C.
+
+    Raises
+    ------
+    CommandError
+        When it was not welded to its end.
+    """
+    domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    names = ["-r", f"__node:={_RECORDER}", *(["-r", f"__ns:=/{one}"] if (one := arguments.namespace) else [])]
+    with Launcher(bag.parent / "log", domain) as launcher:
+        words = ["--ros-args", "-p", f"output:={bag}", *names]
+        launcher.start("recorder", "fsw_recorder.recorder_node", words)
+        why, outcome = _welded(arguments, text, guard, launcher)
+        code = launcher.stop("recorder")["recorder"]
+    if why:
+        raise CommandError(f"{why}; the weld was aborted, and the safe stop is requested")
+    if outcome.verdict != State.DONE:
+        raise CommandError(f"{outcome.verdict}: {outcome.message}")
+    if code != 0:
+        raise CommandError(f"the recorder ended with exit code {code}: {launcher.children['recorder'].last_lines()}")
+
+
+def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: Launcher) -> tuple[str, Any]:
+    """Why the weld was aborted, or its result."""
+    stopped: list[str] = []
+
+    def take(sensor: str, value: float) -> None:
+        if why := guard.take(sensor, value):
+            stopped.append(why)
+
+    try:
+        with operator(arguments.timeout, arguments.namespace) as node:
+            launcher.wait_until(lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder")
+            node.node.create_subscription(
+                ShoulderDepth, "fsw/depth", lambda one: take("depth", units.mm_from_m(one.depth)), STREAM
+            )
+            node.node.create_subscription(
+                Temperature, "fsw/thermocouple", lambda one: take("temperature", one.temperature), STREAM
+            )
+            outcome = follow(node, RunWeld.Goal(scenario=text), lambda: stopped)
+            if outcome is None:
+                abort(node)
+            return "" if outcome is not None else stopped[0], outcome
+    except KeyboardInterrupt:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C does not keep the weld going
+        try:
+            with operator(arguments.timeout, arguments.namespace) as node:
+                aborted = abort(node)
+        finally:
+            signal.signal(signal.SIGINT, before)
+        text = "the weld was aborted, and the safe stop is requested" if aborted else "no weld was under way"
+        raise KeyboardInterrupt(text) from None
+
+
+def _is_recorded(node: Operator) -> bool:
+    """Whether the recorder listens to all that is needed."""
+    node.wait_until(lambda: True)
+    return all(
+        any(one.node_name == _RECORDER for one in node.node.get_subscriptions_info_by_topic(topic))
+        for topic in _RECORDED
+        if node.node.count_publishers(topic)
+    )
+
+
+def set_parameters(arguments: argparse.Namespace, name: str, values: Mapping[str, Any]) -> None:
+    """Set parameters of a node, all or none; CommandError when it refuses."""
+    with operator(arguments.timeout, arguments.namespace) as node:
+        client = client_of(node, name)
+        future = client.set_parameters_atomically([Parameter(key, value=value) for key, value in values.items()])
+        result = node.answer(future, name).result
+    if not result.successful:
+        raise CommandError(f"{name} refuses its tuning: {result.reason or 'without a reason'}")
+
+
+def parameter(arguments: argparse.Namespace, node_name: str, name: str) -> Any:
+    """The value of a parameter of a node."""
+    with operator(arguments.timeout, arguments.namespace) as node:
+        [value] = node.answer(client_of(node, node_name).get_parameters([name]), node_name).values
+    return parameter_value_to_python(value)

@@ -1,0 +1,41 @@
+"""What in a weld was not as its scenario has it, for the result."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from fsw_control.weld import TICK_S
+
+#: after this time a controller that was asked for is in control, or another one is in its place (chosen)
+_SWITCH_TICKS = 20
+
+
+class Deviations:
+    """Counts the ticks under a controller that was not asked for, and notes set-points by hand; its text tells both."""
+
+    def __init__(self) -> None:
+        self._asked: tuple[int, str] | None = None
+        self._others: Counter[str] = Counter()
+        self._by_hand_tick: int | None = None
+
+    def ask(self, controller: str, tick: int) -> None:
+        """A controller is asked for at a tick."""
+        self._asked = tick, controller
+
+    def count(self, controller: str, tick: int, ticks: int) -> None:
+        """A controller (empty: it is not known which) has been in control for some ticks up to this one."""
+        if self._asked is None or controller in ("", self._asked[1]):
+            return
+        late = tick - self._asked[0] - _SWITCH_TICKS
+        if late > 0:
+            self._others[controller] += min(ticks, late)
+
+    def note_by_hand(self, tick: int) -> None:
+        """Set-points by hand are in force from a tick on."""
+        self._by_hand_tick = tick
+
+    def __str__(self) -> str:
+        told = [f"; {name} was in control for {n * TICK_S:.1f} s, not asked for" for name, n in self._others.items()]
+        if self._by_hand_tick is not None:
+            told.append(f"; set-points by hand from {self._by_hand_tick * TICK_S:.1f} s on")
+        return "".join(told)
