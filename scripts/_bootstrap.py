@@ -6,19 +6,25 @@ done already it only takes the few milliseconds of a new interpreter. In a shell
 environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
+import os
 import signal
 
-# Ctrl-C while interpreter and libraries are still being loaded ends the process as any other, without a traceback. What
-# ignores it, as in a background job, goes on ignoring it.
+
+def _end(*_):
+    os.write(2, b"interrupted\n")
+    os._exit(130)
+
+
+# Ctrl-C while libraries are still being loaded is no exception, which could come out of any of them, with a traceback or
+# as another one. What ignores it, as a background job does, goes on ignoring it.
 INTERRUPTIBLE = signal.getsignal(signal.SIGINT) is signal.default_int_handler
 if INTERRUPTIBLE:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, _end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # of one that came before
 
 import fcntl
 import hashlib
 import importlib
-import os
 import shutil
 import subprocess
 import sys
@@ -93,7 +99,7 @@ def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns."""
     try:
         ensure(extras=extras)
-        _on_interrupt(signal.SIG_DFL)
+        _on_interrupt(_end)
         main = importlib.import_module(module).main
         _on_interrupt(signal.default_int_handler)
         code = main()
