@@ -15,8 +15,8 @@ def _end(*_):
     os._exit(130)
 
 
-# Ctrl-C while libraries are still being loaded is no exception, which could come out of any of them, with a traceback or
-# as another one. What ignores it, as a background job does, goes on ignoring it.
+# Ctrl-C while libraries are still being loaded must not be an exception, for it could come out of any of them, with a
+# traceback or as another one. What ignores it, as a background job does, goes on ignoring it.
 INTERRUPTIBLE = signal.getsignal(signal.SIGINT) is signal.default_int_handler
 if INTERRUPTIBLE:
     signal.signal(signal.SIGINT, _end)
