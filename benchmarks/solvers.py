@@ -28,7 +28,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md
 NAMES = {
     **{"own": "this project's", "daqp": "DAQP", "qpoases": "qpOASES", "hpipm": "HPIPM", "piqp": "PIQP"},
     **{"highs": "HiGHS", "proxqp": "ProxQP", "osqp": "OSQP", "rti108": "this project's", "ipopt": "IPOPT"},
-    **{"sqp_piqp": "SQP (CasADi) with PIQP", "fatrop": "FATROP", "gekko_apopt": "GEKKO, APOPT", "do_mpc": "do-mpc"},
+    **{"sqp_piqp": "SQP, PIQP", "fatrop": "FATROP", "gekko_apopt": "GEKKO, APOPT", "do_mpc": "do-mpc"},
 }
 #: of a whole run of the benchmarks
 ALL_PROBLEMS = 20
@@ -56,7 +56,7 @@ def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
 
     rows = [Row(NAMES["own"], 0, None, of("own_ms"), None, 1.0, of("excess_own"))]
     for name in (one for one in NAMES if of(f"unsolved_{one}") is not None):
-        times = (of(f"{name}_{kind}") for kind in ("ms", "warm_ms", "interface_ms"))
+        times = (of(f"{name}_{kind}") or None for kind in ("ms", "warm_ms", "interface_ms"))
         rows.append(Row(NAMES[name], of(f"unsolved_{name}"), *times, of(f"ratio_{name}"), of(f"excess_{name}")))
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
@@ -77,11 +77,17 @@ def draw(tables: dict[str, list[Row]], file: Path) -> None:
     """Cost excess against time, a panel for each problem."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     for axes, (title, rows) in zip(figure.subplots(1, len(tables)), tables.items(), strict=True):
-        for row in (one for one in rows if one.excess is not None):
+        for number_of_label, row in enumerate(one for one in rows if one.excess is not None):
             time_ms = min(one for one in (row.cold_ms, row.warm_ms) if one is not None)
             excess = max(row.excess or 0.0, _LEAST_EXCESS)
-            axes.plot(time_ms, excess, "s" if row.name == NAMES["own"] else "o")
-            axes.annotate(row.name, (time_ms, excess), (4, 4), textcoords="offset points", fontsize=8)
+            axes.plot(time_ms, excess, "ks" if row.name == NAMES["own"] else "o")
+            axes.annotate(
+                row.name,
+                (time_ms, excess),
+                (4, 4 if number_of_label % 2 else -10),
+                textcoords="offset points",
+                fontsize=8,
+            )
         axes.set(xscale="log", yscale="log", title=title, xlabel="CPU time [ms]", ylabel="largest excess of the cost")
         axes.margins(0.2)
         axes.grid(alpha=0.3)
