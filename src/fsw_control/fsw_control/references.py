@@ -46,6 +46,8 @@ class ReferenceQueue:
       clock by more than ``OWN_CLOCK_NS`` is refused. One published before the receiver began, or longer ago than that,
       is a repetition by the middleware for late joiners, sender by sender in any order: it is ordered by its
       publication time, and refused if those in force, or to be in force when it would take effect, are newer.
+    - **A standby orders by publication time alone** (``decides`` is False) and takes the order of receipt from those
+      that are followed: what reached it alone in the wrong order must not be in force after a takeover.
     - **Every node that follows a set-point publishes it** with its place in the order; among nodes the latest place
       wins, so that all follow the same one, even if messages of two senders arrive in different order.
 
@@ -67,6 +69,7 @@ class ReferenceQueue:
         self.issued_ns = 0
         self.mark = ""  #: with which the one that holds was sent
         self.refuse = refuse
+        self.decides = True  #: False of a standby, which nobody follows
         self._horizon_ns = horizon_ns
         self._joined_ns: int | None = None
         self._tick_ns: int | None = None
@@ -104,14 +107,14 @@ class ReferenceQueue:
             return self._reject(reference, f"{why}; set the sender's clock, or call fsw/set_reference")
         if self._tick_ns is not None and stamp_ns > self._tick_ns + self._horizon_ns:
             return self._reject(reference, self._too_far(stamp_ns, self._tick_ns))
-        if published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
+        if self.decides and published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
             self.add(stamp_ns, reference, max(published_ns, self._newest_ns + 1), mark)
             return True
         if not self._is_void(stamp_ns, reference, published_ns):
             self.add(stamp_ns, reference, published_ns, mark)
             return True
         # A repetition to a receiver that has just started is normal, but it may come from a clock that is slow.
-        if ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS:
+        if self.decides and (ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS):
             why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
             self._reject(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
         return False

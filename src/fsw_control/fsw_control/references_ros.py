@@ -151,6 +151,7 @@ class KeptReference:
         self._node = node
         self._leads = leads
         self._queue = reference_queue(node, self._on_refused)
+        self._queue.decides = False
         self._statement: StatedReference | None = None
         self._service: Service | None = None
         self._group = ReentrantCallbackGroup()  # so that a pending answer does not block the topics
@@ -173,6 +174,7 @@ class KeptReference:
 
     def open(self) -> None:
         """Lead: serve requests from now on, and publish from the next tick on."""
+        self._queue.decides = True
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
             self._service = self._node.create_service(
@@ -181,6 +183,7 @@ class KeptReference:
 
     def close(self) -> None:
         """Stop publishing and serving requests."""
+        self._queue.decides = False
         if self._statement is not None:
             self._statement.close()
             self._node.destroy_service(self._service)

@@ -81,6 +81,35 @@ def test_of_two_senders_whose_clocks_differ_by_seconds_the_one_received_last_hol
         assert listener.holds(0.5 * k + 0.1) == one
 
 
+@pytest.mark.requirement("S21")
+def test_a_standby_that_hears_two_senders_in_the_wrong_order_does_not_turn_back_what_is_in_force():
+    """All others heard the newer one last and follow it; at takeover they would follow the standby."""
+    follower, standby = Listener(), Listener()
+    standby.queue.decides = False
+    follower.hear(0.0, REFERENCE)
+    follower.hear(1.0, OTHER)
+    standby.hear(1.5, OTHER, late_s=0.5)
+    standby.hear(2.0, REFERENCE, late_s=2.0)
+    assert (standby.holds(3.0), standby.told) == (OTHER, [])
+    follower.holds(3.0)
+    follower.queue.add(0, standby.holds(3.0), standby.queue.issued_ns)
+    assert follower.holds(4.0) == OTHER
+    standby.queue.decides = True
+    assert standby.hear(5.0, THIRD, clock_s=-4.5), "it leads now: the one received last holds"
+    assert standby.holds(6.0) == THIRD
+
+
+def test_a_standby_takes_the_order_of_receipt_from_those_that_are_followed():
+    leader, standby = Listener(), Listener()
+    standby.queue.decides = False
+    for one in (leader, standby):
+        one.hear(0.0, REFERENCE)
+        one.hear(1.0, OTHER, clock_s=-4.0)  # a slow clock, but received last
+    assert (leader.holds(2.0), standby.holds(2.0)) == (OTHER, REFERENCE)
+    standby.queue.add(0, OTHER, leader.queue.issued_ns)
+    assert standby.holds(3.0) == OTHER
+
+
 def test_what_the_middleware_repeats_after_a_lost_link_overrides_nothing_newer():
     listener = Listener()
     listener.hear(0.0, REFERENCE)

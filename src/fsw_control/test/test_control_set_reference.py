@@ -151,6 +151,16 @@ def test_set_points_that_another_supervisor_has_sent_are_no_answer(graph):
     assert marks[0] != marks[1]
 
 
+@pytest.mark.requirement("S21")
+def test_only_who_leads_puts_what_is_received_last_first(graph):
+    other = KeptReference(graph.nodes[2], graph.certain)
+    decides = [other._queue.decides]
+    for change in (other.open, other.close):
+        change()
+        decides.append(other._queue.decides)
+    assert decides == [False, True, False]
+
+
 @pytest.mark.requirement("S28")
 def test_set_points_are_refused_while_a_programme_runs(graph, monkeypatch):
     graph.start_controller()

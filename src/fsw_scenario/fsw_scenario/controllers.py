@@ -55,7 +55,7 @@ def _parts(label: str) -> tuple[str, str]:
         return first, rest
     word, _, variant = rest.partition(":")
     if not word:
-        known = f"available: {', '.join(KNOWN)}; or name your own as MODULE:CLASS or FILE.py:CLASS"
+        known = f"available: {', '.join(sorted(KNOWN))}; or name your own as MODULE:CLASS or FILE.py:CLASS"
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # absolute, so that a process started in another folder finds the file
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
