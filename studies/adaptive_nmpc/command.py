@@ -6,9 +6,13 @@ import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from adaptive_nmpc import report, study
+from fsw_campaign.software import versions
 
+#: random plants between two writings of the numbers
+_AT_ONCE = 20
 _RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
@@ -18,17 +22,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/adaptive"), help="folder (default %(default)s)")
     parser.add_argument("--plants", type=int, default=100, help="random plants (default %(default)s)")
     parser.add_argument("--page", action="store_true", help="only the page again, from the numbers of the last run")
+    parser.add_argument("--fresh", action="store_true", help="all random plants again; else those of the last run stay")
     parser.add_argument("--publish", action="store_true", help="write the page into docs/results")
     parsed = parser.parse_args(arguments)
     folder = _RESULTS if parsed.publish else parsed.out
     parsed.out.mkdir(parents=True, exist_ok=True)
     numbers = parsed.out / "adaptive.json"
     welds = study.saturated_welds()
+    data: dict[str, Any] = json.loads(numbers.read_text(encoding="utf-8")) if numbers.exists() else {}
     if not parsed.page:
-        data = {"random": study.random_plants(parsed.plants), "nominal": study.nominal()}
-        data["saturated"] = study.saturated(welds)
-        numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        if parsed.fresh or data.get("software") != versions():  # rows of another version of the software do not count
+            data = {"software": versions(), "random": {}}
+        parts = {"nominal": study.nominal, "saturated": lambda: study.saturated(welds), "drifts": study.drifts}
+        for name, part in (parts | {"margins": study.robustness}).items():
+            data[name] = part()
+        while (first := len(data["random"])) < parsed.plants:  # kept by and by: a run that is ended goes on there
+            data["random"] |= study.random_plants(first, min(first + _AT_ONCE, parsed.plants))
+            numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     report.draw(welds, folder / "adaptive_priority.png")
-    (folder / "adaptive.md").write_text(report.page(json.loads(numbers.read_text(encoding="utf-8"))), encoding="utf-8")
+    (folder / "adaptive.md").write_text(report.page(data), encoding="utf-8")
     print(folder / "adaptive.md")
     return 0

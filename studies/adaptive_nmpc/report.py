@@ -12,17 +12,27 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
 from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
-from controller_comparison.report import table
-from controller_comparison.study import VARIATIONS
+from controller_comparison.report import margin_rows, table
+from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import STYLE, colours_of
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_scenario.standard_cases import DEFAULT, EVENTS, TIGHT
+from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
 
 #: What must not be lost by adapting: a share of any figure.
 TOLERATED = 1.1
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
+
+
+_TITLES = {"tracking": "set-points", "disturbances": "disturbances"}
+
+
+def figures(plants: Plants) -> dict[str, str]:
+    """All figures of merit of both cases, by key, with their titles."""
+    keys = (f"{case} {key}" for case in CASES for key in KPIS)
+    known = plants[0][ADAPTIVE]
+    return {key: f"{_TITLES[key.split()[0]]}, {KPIS[key.split()[1]]}" for key in keys if key in known}
 
 
 def ratio(plants: Plants, own: str, rivals: Sequence[str], key: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -38,13 +48,47 @@ def shares(plants: Plants, rivals: Sequence[str]) -> Rows:
     return rows
 
 
+def won(plants: Plants, own: str, rivals: Sequence[str], key: str) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """On which plants a figure is at or below the best rival's; of both PIs, the tight one's where it is movement."""
+    if rivals == RIVALS and key.split()[1] in VARIATIONS:
+        rivals = (TIGHT,)
+    return ratio(plants, own, rivals, key) <= 1.0 + TOLERANCE
+
+
+def all_figures(plants: Plants) -> Rows:
+    """On how many plants the adapting controller wins each figure; then the share of all, of every NMPC."""
+    rivals = {TIGHT: (TIGHT,), "both PIs": RIVALS, SMITH: (SMITH,)}
+    rows = [["", *rivals]]
+    for key, title in figures(plants).items():
+        shares = [100.0 * won(plants, ADAPTIVE, some, key).mean() for some in rivals.values()]
+        rows.append([title, *(f"{share:.0f} %" for share in shares)])
+    for own in (column for column in COLUMNS if column.startswith("nmpc")):
+        shares = [100.0 * np.mean([won(plants, own, r, k) for k in figures(plants)]) for r in rivals.values()]
+        rows.append([f"**all figures, {own}**", *(f"**{share:.1f} %**" for share in shares)])
+    return rows
+
+
 def against(plants: Plants, rival: str) -> Rows:
     """How the adapting controller's figures compare with another's, over the plants."""
-    rows = [["figure", "median", "95 %", "worst", f"worse than × {TOLERATED:g}"]]
-    for key, title in JUDGED.items():
+    rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
+    for key, title in figures(plants).items():
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
-        rows.append([title, *numbers, f"{(r > TOLERATED).sum()} of {len(r)}"])
+        runs = plants[int(r.argmax())]
+        there = f"{runs[rival][key]:.3g} → {runs[ADAPTIVE][key]:.3g}"
+        rows.append([title, *numbers, there, f"{(r > TOLERATED).sum()} of {len(r)}"])
+    return rows
+
+
+def drift_rows(data: Mapping[str, Mapping[str, Sequence[float]]]) -> Rows:
+    """Ramp, sine and jumps of the tool, each without and with noise, and what the force moves at rest."""
+    header = ["without / with noise", "ramp, IAE [mm s]", "sine, IAE [mm s]"]
+    rows = [[*header, "tool deeper, peak [°C]", "tool shallower, peak [°C]", "force at rest [kN/s]"]]
+    for label, found in data.items():
+        pairs = (
+            " / ".join(f"{value:.3f}" for value in found[name]) for name in ("ramp", "sine", "deeper", "shallower")
+        )
+        rows.append([label, *pairs, f"{found['rest'][0]:.3f}"])
     return rows
 
 
@@ -84,10 +128,20 @@ def page(data: Mapping[str, Any]) -> str:
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
+        "all": all_figures(plants),
+        "drifts": drift_rows(data["drifts"]),
+        "margins": margin_rows(data["margins"]),
     }
     tables = {name: table(rows) for name, rows in tables.items()}
     return environment.get_template("adaptive.md.j2").render(
-        tables, plants=len(plants), seed=SEED, swings=swings, adaptive=ADAPTIVE, tolerated=TOLERATED
+        tables,
+        plants=len(plants),
+        seed=SEED,
+        swings=swings,
+        adaptive=ADAPTIVE,
+        tolerated=TOLERATED,
+        lost=sum(int((ratio(plants, ADAPTIVE, [FIXED], key) > TOLERATED).sum()) for key in figures(plants)),
+        compared=len(plants) * len(figures(plants)),
     )
 
 

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 
 from controller_comparison.processes import REST, random_factors
-from controller_comparison.study import KPIS, VARIATIONS
+from controller_comparison.study import KPIS, VARIATIONS, margins
 from fsw.progress import ProgressBar
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.contract import Command
+from fsw_control.weld import TICK_NS
+from fsw_model import STEP_S
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
-from fsw_scenario.standard_runs import Figures, Job, failed, run_all, weld
+from fsw_scenario.standard_runs import Figures, Job, failed, loop_of, run_all, weld
 
 ADAPTIVE = "nmpc:adaptive"
 #: The same tuning with the model's gain and dead time of the power.
@@ -26,8 +29,15 @@ COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)
 SEED = 31415
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
+_HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
-SATURATED = str(Path(__file__).parent / "saturated.yaml")
+SATURATED = str(_HERE / "saturated.yaml")
+#: Disturbances of the depth that nobody announces and no jump tells: a ramp, and a sine.
+RAMP, SINE, NOTHING = (str(_HERE / f"{name}.yaml") for name in ("ramp", "sine", "nothing"))
+#: Depth by which the tool itself jumps, and when; the torque feels it.
+FELT_MM, FELT_S = 0.1, 10.0
+#: A drift of the depth is believed sooner, for what that gains and costs.
+SOONER = f"{ADAPTIVE}, drift_sigmas 3"
 #: What the figure compares where the speed is at its bound.
 PRIORITIES = {
     TIGHT: (TIGHT, {}),
@@ -42,7 +52,10 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "not_adapting.yaml"
         file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0}\n", encoding="utf-8")
-        yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
+        sooner = Path(scratch) / "sooner.yaml"
+        sooner.write_text("estimator: {drift_sigmas: 3.0}\n", encoding="utf-8")
+        own = {FIXED: (ADAPTIVE, {"tuning_file": str(file)}), SOONER: (ADAPTIVE, {"tuning_file": str(sooner)})}
+        yield {name: (name, {}) for name in COLUMNS} | own
 
 
 def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
@@ -53,6 +66,7 @@ def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
             (i, column, case): Job(label, case, True, plant, parameters)
             for i, plant in plants.items()
             for column, (label, parameters) in made.items()
+            if column in COLUMNS
             for case in CASES
         }
         found = run_all(list(jobs.values()), bar)
@@ -96,18 +110,62 @@ def saturated_welds() -> dict[str, WeldSignals]:
 
 def saturated(welds: Mapping[str, WeldSignals]) -> dict[str, dict[str, float]]:
     """IAE and largest error of both outputs in such a weld."""
-    data = {}
-    for name, signals in welds.items():
-        truth = signals.truth
-        assert truth is not None  # a simulation has it
-        depth = np.abs(truth.depth_mm - signals.reference_depth_mm)
-        temperature = np.abs(truth.temperature_c - signals.reference_temperature_c)
-        data[name] = {
-            "iae_depth_mm_s": 0.1 * float(depth.sum()),
-            "iae_temperature_c_s": 0.1 * float(temperature.sum()),
-            "peak_temperature_error_c": float(temperature.max()),
-        }
+    return {name: _errors(signals) for name, signals in welds.items()}
+
+
+def _errors(signals: WeldSignals) -> dict[str, float]:
+    truth = signals.truth
+    assert truth is not None  # a simulation has it
+    depth = np.abs(truth.depth_mm - signals.reference_depth_mm)
+    temperature = np.abs(truth.temperature_c - signals.reference_temperature_c)
+    return {
+        "iae_depth_mm_s": STEP_S * float(depth.sum()),
+        "iae_temperature_c_s": STEP_S * float(temperature.sum()),
+        "peak_temperature_error_c": float(temperature.max()),
+    }
+
+
+class _Struck:
+    """A plant whose tool jumps deeper at a tick; all else is the plant's."""
+
+    def __init__(self, plant: Any, by_mm: float, at_s: float) -> None:
+        self._plant, self._by_mm, self._tick = plant, by_mm, round(at_s / STEP_S)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
+
+    def apply(self, command: Command, stamp_ns: int, source: str) -> None:
+        if stamp_ns == self._tick * TICK_NS:
+            state = self._plant._state
+            state.x = (state.x[0] + self._by_mm, *state.x[1:])  # the creep of the depth is its first state
+        self._plant.apply(command, stamp_ns, source)
+
+
+def drifts() -> dict[str, dict[str, list[float]]]:
+    """Ramp and sine of the depth: IAE [mm s]; real jumps: peak of the temperature [degC]. Without and with noise."""
+    columns = (*RIVALS, DEFAULT, ADAPTIVE, SOONER)
+    data: dict[str, dict[str, list[float]]] = {}
+    with controllers() as made:
+        for column in columns:
+            label, values = made[column]
+            found = data[column] = {}
+            for name, case in (("ramp", RAMP), ("sine", SINE)):
+                runs = [_errors(loop_of(Job(label, case, noise, parameters=values)).run()) for noise in (False, True)]
+                found[name] = [run["iae_depth_mm_s"] for run in runs]
+            for name, by_mm in (("deeper", FELT_MM), ("shallower", -FELT_MM)):
+                found[name] = []
+                for noise in (False, True):
+                    loop = loop_of(Job(label, NOTHING, noise, parameters=values))
+                    loop.plant = _Struck(loop.plant, by_mm, FELT_S)  # type: ignore[assignment]
+                    found[name].append(_errors(loop.run())["peak_temperature_error_c"])
+            rest = run_all([Job(label, REST, True, parameters=values)])
+            found["rest"] = [one[VARIATIONS[0]] / one["duration_s"] for one in rest.values()]
     return data
+
+
+def robustness() -> dict[str, dict[str, float]]:
+    """Gain and delay margins, as in the comparison."""
+    return margins((TIGHT, SMITH, DEFAULT, ADAPTIVE))
 
 
 def ran(data: Mapping[str, Mapping[str, Figures]]) -> list[Mapping[str, Figures]]:

@@ -139,7 +139,8 @@ class Work:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._folder: Path = arguments.out.resolve()
-        self._model, self._tuned = self._folder / "model.yaml", self._folder / "tuned"
+        self._model: Path = self._folder / "model.yaml"
+        self._tuned: Path = self._folder / "tuned"
 
     def save(self, course: Course) -> None:
         """Write the course and the report."""

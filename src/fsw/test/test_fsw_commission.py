@@ -26,8 +26,8 @@ from fsw.errors import CommandError
 from fsw.main import main
 from fsw_model import ModelParameters
 from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
 from fsw_schema.models import InputError
-from fsw_test_support.sample_weld import sample_weld
 
 BAD = Row(what="noise", found="1", limit="0", good=False)
 
@@ -192,7 +192,7 @@ def test_acceptance_is_measured_against_what_the_model_predicts():
 
 def test_the_test_is_cut_out_of_its_bag():
     scenario = scenario_file.load("acceptance", ["duration_s=4", "events=[{at_s: 1.0, reference: {depth_mm: 2.7}}]"])
-    weld = sample_weld(80)
+    weld = ClosedLoop(scenario_file.parse("{name: rest, duration_s: 8.0, controller: none}", "rest")).run()
     depth = np.where(np.arange(80) < 30, 2.66, 2.7)
     still = np.full(80, 816.4)
     cut = commission._cut(replace(weld, reference_depth_mm=depth, reference_temperature_c=still), scenario)

@@ -12,7 +12,7 @@ def runs(**values):
     return {column: {**dict.fromkeys(JUDGED, values.get(name, 1.0)), "swings": False} for name, column in NAMES.items()}
 
 
-NAMES = dict(zip(("conservative", "tight", "default", "fixed", "adaptive"), study.COLUMNS, strict=True))
+NAMES = dict(zip(("conservative", "tight", "smith", "default", "fixed", "adaptive"), study.COLUMNS, strict=True))
 
 
 def test_shares_and_ratios_are_those_of_the_plants():
@@ -21,7 +21,34 @@ def test_shares_and_ratios_are_those_of_the_plants():
     assert header[1:] == list(JUDGED.values())
     assert {row[0]: row[1] for row in rows} == {"nmpc:default": "100 %", study.FIXED: "100 %", study.ADAPTIVE: "50 %"}
     assert {row[0]: row[1] for row in report.shares(plants, study.RIVALS)[1:]}[study.ADAPTIVE] == "0 %"
-    assert report.against(plants, study.FIXED)[1][1:] == ["1.95", "2.35", "2.40", "2 of 2"]
+    assert report.against(plants, study.FIXED)[1][1:] == ["1.95", "2.35", "2.40", "0.5 → 1.2", "2 of 2"]
+
+
+def test_all_figures_count_movement_against_the_tight_one_alone():
+    key = "tracking total_variation_force_kn"
+    plants = [{name: {key: 5.0} for name in study.COLUMNS} | {study.CONSERVATIVE: {key: 1.0}}]
+    rows = report.all_figures(plants)
+    assert rows[1][1:] == ["100 %", "100 %", "100 %"] and rows[1][0].startswith("set-points, total variation force")
+    assert rows[-1][1:] == ["**100.0 %**"] * 3
+
+
+def test_the_figures_of_a_plant_are_those_of_both_cases():
+    found = study.figures(
+        {
+            "tracking": {"iae_depth_mm_s": 1.0, "swings": False, "events": []},
+            "disturbances": {"iae_depth_mm_s": 2.0, "swings": True},
+        }
+    )
+    assert found == {"tracking iae_depth_mm_s": 1.0, "disturbances iae_depth_mm_s": 2.0, "swings": True}
+    assert study.figures({"tracking": {"error": "stopped"}}) == {"error": "stopped"}
+
+
+def test_the_tool_jumps_when_it_should():
+    loop = study.loop_of(study.Job(study.TIGHT, study.NOTHING))
+    loop.plant = study._Struck(loop.plant, study.FELT_MM, study.FELT_S)
+    depth = loop.run().truth.depth_mm
+    assert abs(depth[:100] - 2.66).max() < 1e-3
+    assert depth[100:102].max() > 2.74
 
 
 def test_a_plant_that_cannot_run_is_left_out():
@@ -41,8 +68,12 @@ def test_page_and_figure(tmp_path):
     welds = study.saturated_welds()
     data = {"random": {"0": runs(), "1": runs(adaptive=1.2)}, "nominal": study.nominal()}
     data["saturated"] = study.saturated(welds)
+    drift = dict.fromkeys(("ramp", "sine", "deeper", "shallower"), [1.0, 2.0]) | {"rest": [0.1]}
+    data["drifts"] = {study.ADAPTIVE: drift}
+    margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
+    data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
     page = report.page(data)
-    assert "2 plants" in page and "| set-points, depth | 1.10 | 1.19 | 1.20 | 1 of 2 |" in page
+    assert "2 plants" in page and "| set-points, IAE depth [mm s] | 1.10 | 1.19 | 1.20 | 1 → 1.2 | 1 of 2 |" in page
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}
