@@ -10,24 +10,19 @@ from collections import Counter
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
-FOLDERS = ("src", "studies", "runtime")
-SUFFIXES = (".py", ".c", ".h")
-
-
-def git(*words: str) -> bytes:
-    """Output of a git command; its error is shown by git itself."""
-    return subprocess.run(["git", *words], cwd=WORKSPACE, stdout=subprocess.PIPE, check=True).stdout
+PATTERNS = [f"{folder}/*.{suffix}" for folder in ("src", "studies", "runtime") for suffix in ("py", "c", "h")]
 
 
 def lines(revision: str) -> Counter[str]:
-    """Lines by package at a revision; those of the working tree if it is empty."""
-    listed = git("ls-tree", "-r", "--name-only", revision, *FOLDERS) if revision else git("ls-files", *FOLDERS)
-    paths = [Path(one) for one in listed.decode().splitlines()]
+    """Lines by package at a revision; those of the working tree if it is empty. Git itself tells its errors."""
+    command = ["git", "grep", "-c", "", *([revision] if revision else []), "--", *PATTERNS]
+    listed = subprocess.run(command, cwd=WORKSPACE, stdout=subprocess.PIPE, check=True, text=True).stdout
     found: Counter[str] = Counter()
-    for path in paths:
-        if path.suffix in SUFFIXES and "test" not in path.parts[:-1]:
-            content = git("show", f"{revision}:{path}") if revision else (WORKSPACE / path).read_bytes()
-            found["/".join(path.parts[:2])] += content.count(b"\n")
+    for line in listed.splitlines():
+        name, _, count = line.removeprefix(f"{revision}:").rpartition(":")
+        parts = name.split("/")
+        if "test" not in parts[:-1]:
+            found["/".join(parts[:2])] += int(count)
     return found
 
 
