@@ -149,7 +149,7 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
         second = launcher.start("second", "fsw_scenario.scenario_node", arguments)
         second.process.wait(PATIENCE_S)
         assert second.process.returncode == 1
-        assert "another scenario player there for 3 s" in second.text()
+        assert "another scenario player in the graph for 3 s" in second.text()
         assert "playing" not in second.text()
 
 

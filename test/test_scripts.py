@@ -45,6 +45,16 @@ def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
+def test_lines_are_counted_now_and_at_another_revision():
+    ran = run("count_lines", "HEAD")
+    assert ran.returncode == 0 and ran.stderr == ""
+    rows = {words[0]: list(map(int, words[1:])) for words in map(str.split, ran.stdout.splitlines()[:-1])}
+    assert all(now == before + more for now, before, more in rows.values())
+    assert {"src/fsw_control", "studies/canister", "runtime/rclpy_embedded"} <= rows.keys()
+    ran = run("count_lines", "no_such_revision")
+    assert ran.returncode == 2 and "Traceback" not in ran.stderr
+
+
 def test_help_of_the_tests_installs_nothing(tmp_path):
     """It works with the bare standard library, in a copy of the folder that cannot make an environment."""
     for name in ("test.py", "_bootstrap.py"):

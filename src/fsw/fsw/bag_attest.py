@@ -28,9 +28,7 @@ def add_command(commands: Any) -> None:
         several=True,
     )
     add_file(parser, "--chain", "folder of the chain; made when there is none", "DIR", required=True)
-    parser.add_argument(
-        "--procedure", help=f"procedure that was welded by: YAML file, or one of {', '.join(shipped())}"
-    )
+    parser.add_argument("--procedure", help=f"procedure of the weld: YAML file, or one of {', '.join(shipped())}")
     add_repeated(parser, "--with", "FILE", "also sign for this file, e.g. the record of the weld", dest="documents")
     add_private_key(parser)
 

@@ -29,7 +29,7 @@ from fsw_schema.models import InputError
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    text = "history of welds: add one, report on all, tell what changed between two"
+    text = "history of welds: add one, report on all, show what changed between two"
     history = commands.add_parser("history", help=text, description=f"{text.capitalize()}.")
     kinds = history.add_subparsers(title="commands", metavar="COMMAND", required=True)
     one = kinds.add_parser(

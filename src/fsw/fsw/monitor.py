@@ -27,7 +27,7 @@ def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     parser = commands.add_parser(
         "monitor",
-        help="what the monitor tells of a recorded weld: causes, how sure, advice",
+        help="warnings of the monitor on a recorded weld: cause, confidence, advice",
         description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
     )
     parser.add_argument("bag", type=Path, help=DAMAGED_TOO)

@@ -40,7 +40,7 @@ def add_command(commands: Any) -> None:
             text = "public key by which it must be signed; may be repeated (default: a signature is optional)"
             one.add_argument("--key", type=Path, action="append", metavar="FILE.pub", default=[], help=text)
         one.set_defaults(run=run)
-    text = "sign a procedure, so that a later change is told by everything that reads it"
+    text = "sign a procedure, so that every command that reads it detects a later change"
     signing = verbs.add_parser("sign", help=text, description=f"sign: {text}. Writes FILE.sig beside it.")
     signing.add_argument("procedure", type=Path, help="YAML file")
     add_private_key(signing)

@@ -385,7 +385,7 @@ def verify_bag(
     others = any(path.name.endswith(SUFFIXES) and path.name not in listed for path in bag.iterdir())
     if others and not any((bag / name).exists() for name in listed):
         of = ", ".join([f"bag {attested.bag}", *(f"{key} {value}" for key, value in attested.identity.items())])
-        return attested, [Finding(ATTESTATION_NAME, f"is that of another weld ({of}): none of its files is here")]
+        return attested, [Finding(ATTESTATION_NAME, f"belongs to another weld ({of}): none of its files is here")]
     found += _other_identity(bag, attested)
     found += _manifest_findings(bag, attested)
     for path in documents:
@@ -408,7 +408,7 @@ def _other_identity(bag: Path, attested: Attestation) -> list[Finding]:
     except BagError:
         return []
     return [
-        Finding(ATTESTATION_NAME, f"is of {name} {value}, metadata.yaml says {custom.get(name, 'nothing')}")
+        Finding(ATTESTATION_NAME, f"has {name} {value}, metadata.yaml has {custom.get(name, 'none')}")
         for name, value in attested.identity.items()
         if custom.get(name) != value
     ]

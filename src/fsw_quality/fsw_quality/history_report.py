@@ -61,7 +61,7 @@ def tools(table: pa.Table) -> list[ToolLife]:
     names = np.array([one or "" for one in table["tool"].to_pylist()], object)
     torque = column(table, "torque_nm")
     return [
-        ToolLife(tool or "not told", int(np.sum(names == tool)), trend(torque[names == tool], WORN_NM))
+        ToolLife(tool or "not recorded", int(np.sum(names == tool)), trend(torque[names == tool], WORN_NM))
         for tool in dict.fromkeys(names.tolist())
     ]
 

@@ -147,7 +147,7 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         lines = [Report("watch", OK, text, values)]
         for kind, one in self._told.items():
             if one is None or not watched:
-                lines.append(Report(kind, OK, "not told now", {}))
+                lines.append(Report(kind, OK, "no warning", {}))
                 continue
             said = {"advice": one.advice, "confidence": f"{one.confidence:.2f}", one.figure: f"{one.value:.4g}"}
             lines.append(Report(kind, WARN, one.cause, said | {"limit": f"{one.limit:.4g}"}))
@@ -156,7 +156,7 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is stopped; returns the exit code."""
-    about = "Watches a weld and tells what is about to go wrong, why, and what to do. It commands nothing."
+    about = "Watches a weld and warns of what is about to go wrong, with cause and advice. It commands nothing."
     return run(MonitorNode, args, NodeArguments("fsw_monitor", about, load("fsw_quality", "monitor.yaml")))
 
 

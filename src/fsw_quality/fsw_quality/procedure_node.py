@@ -88,7 +88,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
             if before.get(name) != text:
                 log(self, ERROR, f"the weld leaves its procedure: {text}")
         for name in before.keys() - now.keys():
-            log(self, OK, f"the weld keeps its procedure again: not any longer: {before[name]}")
+            log(self, OK, f"the weld keeps its procedure again; over: {before[name]}")
         if now != before:
             self._told = now
             self._publish()

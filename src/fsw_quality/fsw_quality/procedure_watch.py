@@ -47,16 +47,16 @@ class ProcedureWatch:
         for name, value in (("depth_mm", depth_mm), ("temperature_c", temperature_c)):
             point = getattr(self._procedure.set_points, name)
             inside = point.min <= value <= point.max
-            text = f"set-point {name} {value:g} is in force, permitted are {point.min:g} to {point.max:g}"
+            text = f"set-point {name} {value:g} is in force; permitted: {point.min:g} to {point.max:g}"
             self._set(f"set_point_{name}", "" if inside else text)
 
     def state(self, controller: str, mode: str, requested_by: str) -> None:
         """Who commands in which mode, and what led to it, as the supervisor reports."""
         foreign = controller and controller not in self._permitted
-        text = f"{controller} commands, permitted are {', '.join(self._permitted)}"
+        text = f"{controller} is in command; permitted: {', '.join(self._permitted)}"
         self._set("controller", text if foreign else "")
         self._welds = self._welds or mode == "auto"
-        text = f"mode {mode} ({requested_by or 'no cause told'}) in place of auto"
+        text = f"mode {mode} ({requested_by or 'cause unknown'}) instead of auto"
         self._set("mode", text if self._welds and mode != "auto" else "")
         if not controller:
             return
@@ -66,7 +66,7 @@ class ProcedureWatch:
         if controller != self._first and not (self._procedure.acceptance.swaps_allowed and on_request):
             allowed = "swaps on request only" if self._procedure.acceptance.swaps_allowed else "no swap"
             # stays: a swap back does not undo it
-            self._found.setdefault("swap", f"swap to {controller} ({requested_by}), permitted is {allowed}")
+            self._found.setdefault("swap", f"swap to {controller} ({requested_by}); permitted: {allowed}")
 
     def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
         """Parameters of a controller's node as they are now."""

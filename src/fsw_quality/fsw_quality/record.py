@@ -353,7 +353,7 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
     lacking = [f"{what} ({topic} is not in the bag)" for topic, what in _SAYS.items() if not signals.counts.get(topic)]
     lacking += [f"{problem}: what was there is not known" for problem in signals.problems]
     if unknown := [key for key in IDENTITY if key not in custom]:
-        lacking.append(f"{', '.join(unknown)}: the recorder was not told (its parameter custom_data)")
+        lacking.append(f"{', '.join(unknown)}: not given to the recorder (parameter custom_data)")
     if "versions.json" not in signals.attachments:
         lacking.append("software versions (versions.json is not in the bag)")
     if "lost_messages" not in custom:

@@ -230,4 +230,4 @@ def _modes(course: Course, evidence: Evidence) -> Rule:
 def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     trips = [one.text for one in events if one.kind == "interlock" and one.text.endswith(":trip")]
     figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
-    return _rule("interlocks", "none trips", figure, bool(trips) or not evidence.has_states)
+    return _rule("interlocks", "no trip", figure, bool(trips) or not evidence.has_states)

@@ -134,12 +134,12 @@ def test_an_exchanged_bag_or_manifest_is_told(shop: Shop) -> None:
     for name in (MANIFEST_NAME, ATTESTATION_NAME, f"{ATTESTATION_NAME}.sig"):
         shutil.copyfile(shop.bag(3) / name, shop.bag(2) / name)
     assert shop.findings(2) == [
-        f"{ATTESTATION_NAME}: is that of another weld (bag weld_3, canister C-3): none of its files is here"
+        f"{ATTESTATION_NAME}: belongs to another weld (bag weld_3, canister C-3): none of its files is here"
     ]
     shutil.copyfile(shop.bag(3) / MANIFEST_NAME, shop.bag(1) / MANIFEST_NAME)
     assert "manifest.json: is not the manifest that was signed" in shop.findings(1)[0]
     shutil.copyfile(shop.bag(3) / "metadata.yaml", shop.bag(4) / "metadata.yaml")
-    assert shop.findings(4)[0] == f"{ATTESTATION_NAME}: is of canister C-4, metadata.yaml says C-3"
+    assert shop.findings(4)[0] == f"{ATTESTATION_NAME}: has canister C-4, metadata.yaml has C-3"
     (shop.bag(3) / ATTESTATION_NAME).unlink()
     assert "No such file" in shop.findings(3)[0]
 

@@ -62,12 +62,12 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
     try:
         cell.told("decentral has parameters")  # the tuning is not the one that is permitted
         cell.references.publish(WeldReference(depth=0.0035, temperature=816.4))
-        cell.told("set-point depth_mm 3.5 is in force, permitted are 1.5 to 3.4")
+        cell.told("set-point depth_mm 3.5 is in force; permitted: 1.5 to 3.4")
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
         cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
         cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", requested_by="start"))
         cell.states.publish(SupervisorState(actual_controller="mine", actual_mode="manual", requested_by="operator"))
-        cell.told("mine commands, permitted are decentral, nmpc; mode manual (operator) in place of auto")
+        cell.told("mine is in command; permitted: decentral, nmpc; mode manual (operator) instead of auto")
         before = cell.text
         cell.controller.set_parameters([Parameter("gain", value=3.0)])
         cell.until(lambda: cell.text != before and "decentral has parameters" in cell.text, "the changed tuning")

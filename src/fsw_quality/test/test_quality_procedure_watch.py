@@ -90,8 +90,8 @@ def watch() -> ProcedureWatch:
 def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) -> None:
     watch.set_points(3.45, 905.0)
     assert watch.deviations == {
-        "set_point_depth_mm": "set-point depth_mm 3.45 is in force, permitted are 1.5 to 3.4",
-        "set_point_temperature_c": "set-point temperature_c 905 is in force, permitted are 800 to 900",
+        "set_point_depth_mm": "set-point depth_mm 3.45 is in force; permitted: 1.5 to 3.4",
+        "set_point_temperature_c": "set-point temperature_c 905 is in force; permitted: 800 to 900",
     }
     watch.set_points(3.4, 800.0)
     assert watch.deviations == {}
@@ -99,9 +99,9 @@ def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) 
 
 def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
     watch.state("mine", "auto", "operator")
-    assert watch.deviations == {"controller": "mine commands, permitted are decentral, nmpc"}
+    assert watch.deviations == {"controller": "mine is in command; permitted: decentral, nmpc"}
     watch.state("decentral", "hold", "interlock")
-    assert watch.deviations == {"mode": "mode hold (interlock) in place of auto"}
+    assert watch.deviations == {"mode": "mode hold (interlock) instead of auto"}
     watch.state("decentral", "auto", "operator")
     assert watch.deviations == {}
 

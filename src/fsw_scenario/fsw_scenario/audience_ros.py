@@ -49,7 +49,7 @@ class Audience:
     def missing(self) -> str:
         """What the player waits for, in words."""
         if not self.is_alone():
-            return "another scenario player there"
+            return "another scenario player in the graph"
         return self.absent() or f"no {self._wanted} controllers listening"
 
 

@@ -97,7 +97,7 @@ class ScenarioNode(Node):
             alone, silence_s = self._is_alone(), self._settings["silence_timeout_s"]
             patience_s = max(silence_s, _OWN_GOAL_S) if alone else silence_s
             if time.monotonic() - self._began_s > patience_s:
-                missing = "its own goal is not answered" if alone else "another scenario player there"
+                missing = "its own goal is not answered" if alone else "another scenario player in the graph"
                 self._ended = Outcome(FAILED, f"{missing} for {patience_s:g} s")
 
     def _is_alone(self) -> bool:
