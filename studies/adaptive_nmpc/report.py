@@ -15,6 +15,7 @@ from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows, table
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import STYLE, colours_of
+from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
@@ -75,7 +76,8 @@ def against(plants: Plants, rival: str) -> Rows:
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
         runs = plants[int(r.argmax())]
-        there = f"{runs[rival][key]:.3g} → {runs[ADAPTIVE][key]:.3g}"
+        factor = ROWS[key.split()[1]][2]  # to the unit of the title
+        there = f"{factor * runs[rival][key]:.3g} → {factor * runs[ADAPTIVE][key]:.3g}"
         rows.append([title, *numbers, there, f"{(r > TOLERATED).sum()} of {len(r)}"])
     return rows
 
