@@ -6,10 +6,25 @@ done already it only takes the few milliseconds of a new interpreter. In a shell
 environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
+import os
+import signal
+
+
+def _end(*_):
+    os.write(2, b"interrupted\n")
+    os._exit(130)
+
+
+# Ctrl-C while libraries are still being loaded must not be an exception, for it could come out of any of them, with a
+# traceback or as another one. What ignores it, as a background job does, goes on ignoring it.
+INTERRUPTIBLE = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+if INTERRUPTIBLE:
+    signal.signal(signal.SIGINT, _end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # of one that came before
+
 import fcntl
 import hashlib
 import importlib
-import os
 import shutil
 import subprocess
 import sys
@@ -69,14 +84,25 @@ def ensure(dev=False, oldest=False, extras=()):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
+        if INTERRUPTIBLE:  # it waits until the next interpreter is here
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         os.execv(python, [python, *sys.argv])
+    _on_interrupt(signal.default_int_handler)
+
+
+def _on_interrupt(handler):
+    if INTERRUPTIBLE:
+        signal.signal(signal.SIGINT, handler)
 
 
 def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns."""
     try:
         ensure(extras=extras)
-        code = importlib.import_module(module).main()
+        _on_interrupt(_end)
+        main = importlib.import_module(module).main
+        _on_interrupt(signal.default_int_handler)
+        code = main()
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -51,7 +51,7 @@ from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
-from fsw_schema.models import Model, json_schema
+from fsw_schema.models import Model, descriptions, json_schema
 from fsw_schema.ranges import Range
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -149,7 +149,7 @@ def tuning_file() -> str:
 def meanings(model: type[Model]) -> dict[str, str]:
     """What a model says of each field; its own description where it says nothing."""
     summary = (model.__doc__ or "").split("\n")[0]
-    return {name: (field.description or summary).replace("``", "`") for name, field in model.model_fields.items()}
+    return {name: descriptions(model).get(name, summary).replace("``", "`") for name in model.model_fields}
 
 
 def messages() -> dict[str, str]:

@@ -6,6 +6,7 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -116,28 +117,34 @@ OPTIONAL = {
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:
     """File, imported module and whether it is imported when the file is, for every import, also inside functions."""
     for path in folder.rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        inside = {
-            id(node)
-            for function in ast.walk(tree)
-            if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
-            for node in ast.walk(function)
-        }
-        typing_only = {
-            id(node)
-            for branch in ast.walk(tree)
-            if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
-            for node in ast.walk(branch)
-        }
         name = ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__")
-        for node in ast.walk(tree):
-            at_import = id(node) not in inside and id(node) not in typing_only
-            if isinstance(node, ast.Import):
-                for alias in node.names:
-                    yield name, alias.name, at_import
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                for alias in node.names:
-                    yield name, f"{node.module}.{alias.name}", at_import
+        for module, at_import in imports(path.read_text(encoding="utf-8")):
+            yield name, module, at_import
+
+
+@cache
+def imports(source: str) -> tuple[tuple[str, bool], ...]:
+    """Imported modules of a source text, and whether each is imported when the file is."""
+    tree, found = ast.parse(source), []
+    inside = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+    }
+    typing_only = {
+        id(node)
+        for branch in ast.walk(tree)
+        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
+        for node in ast.walk(branch)
+    }
+    for node in ast.walk(tree):
+        at_import = id(node) not in inside and id(node) not in typing_only
+        if isinstance(node, ast.Import):
+            found += [(alias.name, at_import) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found += [(f"{node.module}.{alias.name}", at_import) for alias in node.names]
+    return tuple(found)
 
 
 def imported(folder: Path) -> set[str]:

@@ -1,6 +1,7 @@
 """The entry scripts: what they tell and refuse before anything runs."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -64,3 +65,29 @@ def test_output_that_nobody_reads():
     command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
     ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False)
     assert ran.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("while_imported", "in_main", "code", "said"),
+    [
+        ("os.kill(os.getpid(), signal.SIGINT)", "return 0", 130, "interrupted\n"),
+        ("", "os.kill(os.getpid(), signal.SIGINT)", 130, "interrupted\n"),
+        ("", "return 3", 3, ""),
+    ],
+)
+def test_ctrl_c_gives_no_traceback_not_even_while_libraries_are_loaded(tmp_path, while_imported, in_main, code, said):
+    text = f"import os, signal\n{while_imported}\ndef main():\n    {in_main}\n"
+    (tmp_path / "command_of_test.py").write_text(text, encoding="utf-8")
+    program = (
+        f"import sys; sys.path[:0] = [{str(SCRIPTS)!r}, {str(tmp_path)!r}]\n"
+        "import _bootstrap; _bootstrap.ensure = lambda **_: None; _bootstrap.start('command_of_test')"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background job ignores it
+    )
+    assert (ran.returncode, ran.stderr) == (code, said)

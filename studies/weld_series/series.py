@@ -34,9 +34,9 @@ DWELL_S, START_C = 20.0, 805.0
 WEAR_NM = 0.8
 #: by number of the weld, where one is not like the others
 SPECIAL = {22: "swap", 37: "thermocouple", 48: "operator"}
-#: what happens there begins at this share of the joint line; the drift and the wrong set-point last so long
+#: what happens there begins at this share of the joint line; the drift and the wrong set-point last so long at most
 SHARE, LASTS_S = 0.4, 300.0
-DRIFT_C_PER_MIN, WRONG_C = 2.0, 832.0
+DRIFT_C_PER_MIN, WRONG_C = 3.0, 832.0
 ROW = "row.json"
 
 
@@ -45,6 +45,7 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
     content = yaml.safe_load(load("canister_weld_heat").text)
     del content["duration_s"], content["path"]  # they follow from the phases
     special, at_deg = SPECIAL.get(number), BEGIN_DEG + SHARE * (end_deg - BEGIN_DEG)
+    begin_s, lasts_s = begin_and_length(end_deg)
     phases = {one["name"]: one for one in content["phases"]}
     phases["dwell"].pop("until_c")
     phases["dwell"] |= {"duration_s": DWELL_S, "set_points": [{"temperature_c": 816.4, "over_s": DWELL_S}]}
@@ -65,23 +66,23 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
         events.append({"at_deg": at_deg, "switch": "nmpc"})
     if special == "thermocouple":
         drift = {"sensor": "thermocouple", "kind": "drift", "magnitude_c": DRIFT_C_PER_MIN / 60.0}
-        events.append({"at_deg": at_deg, "fault": drift | {"duration_s": LASTS_S}})
+        events.append({"at_deg": at_deg, "fault": drift | {"duration_s": lasts_s}})
     if special == "operator":
-        begin_s = operator_s(end_deg)
         phases["joint_line"]["set_points"] += [
             {"at_s": begin_s, "temperature_c": WRONG_C, "over_s": 20.0},
-            {"at_s": begin_s + LASTS_S, "temperature_c": 826.4, "over_s": 20.0},
+            {"at_s": begin_s + lasts_s, "temperature_c": 826.4, "over_s": 20.0},
         ]
     content |= {"name": f"series_{number:03d}", "controller": "decentral", "events": events}
     content["plant"]["seed"] = 1000 + number
     return yaml.safe_dump(content, sort_keys=False)
 
 
-def operator_s(end_deg: float) -> float:
-    """When the operator sets the wrong temperature, from the begin of the joint line [s]."""
-    scenario = load("canister_weld_heat")
-    begin_s, stop_s = next((begin, end) for name, begin, end in spans(scenario.phases) if name == "joint_line")
-    return round(SHARE * (end_deg - BEGIN_DEG) / (WHOLE_DEG - BEGIN_DEG) * (stop_s - begin_s), 1)
+def begin_and_length(end_deg: float) -> tuple[float, float]:
+    """When what is special about a weld begins, from the begin of the joint line, and how long it lasts [s]."""
+    phases = load("canister_weld_heat").phases
+    whole_s = next(end - begin for name, begin, end in spans(phases) if name == "joint_line")
+    line_s = whole_s * (end_deg - BEGIN_DEG) / (WHOLE_DEG - BEGIN_DEG)
+    return round(SHARE * line_s, 1), round(min(LASTS_S, 0.5 * line_s), 1)
 
 
 def series_procedure(end_deg: float = WHOLE_DEG) -> Procedure:
@@ -101,12 +102,13 @@ def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Action
         return scenario, signals, {}
     told = bag.progress(scenario, signals)
     begin = next(tick for tick, one in enumerate(told) if one.phase == "joint_line")
-    first, last = (begin + round(at_s / TICK_S) for at_s in (operator_s(end_deg), operator_s(end_deg) + LASTS_S + 20.0))
+    begin_s, lasts_s = begin_and_length(end_deg)
+    first, last = (begin + round(at_s / TICK_S) for at_s in (begin_s, begin_s + lasts_s + 20.0))
     signals.programme_temperature_c = signals.reference_temperature_c.copy()
     signals.programme_temperature_c[first : last + 1] = signals.reference_temperature_c[first - 1]
     actions = {
         tick: {"who": "Ada (3f2a)", "action": f"set-points {value:g} °C, ramp", "outcome": "done", "message": ""}
-        for tick, value in ((first, WRONG_C), (round(first + LASTS_S / TICK_S), 826.4))
+        for tick, value in ((first, WRONG_C), (round(first + lasts_s / TICK_S), 826.4))
         if tick < signals.n_ticks
     }
     return scenario, signals, actions
@@ -123,9 +125,9 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     if not (place / "bag" / METADATA_NAME).exists():
         shutil.rmtree(place, ignore_errors=True)
         _weld_to_bag(number, name, place / "bag", end_deg)
-    signals, custom = record.read(place / "bag")
+    signals, custom, proof = record.read(place / "bag")
     wanted = series_procedure(end_deg)
-    made, course = record.judged(place / "bag", signals, custom, wanted)
+    made, course = record.judged(place / "bag", wanted, signals, custom, proof)
     if not page.exists():  # one that was attested stays as it is
         page.parent.mkdir(exist_ok=True)
         report.write(made, course, wanted, page.parent)

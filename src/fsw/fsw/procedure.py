@@ -14,7 +14,7 @@ from fsw.outputs import check_new, write_text
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import Procedure, differences, load, shipped
-from fsw_quality.procedure_limits import node_parameters
+from fsw_quality.procedure_limits import check_possible, node_parameters
 from fsw_quality.signature import load_private, load_public, sign, signature_path, verify_file
 from fsw_schema.models import content_of, validate
 
@@ -54,6 +54,7 @@ def _check(arguments: argparse.Namespace) -> int:
     if arguments.key and signer is None:
         raise CommandError(f"{arguments.procedure}: is not signed; 'fsw.py procedure sign' signs it")
     node_parameters(procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
+    check_possible(procedure)
     print(_identity(procedure))
     print(f"signed by key {signer.fingerprint}" if signer else "not signed")
     return 0

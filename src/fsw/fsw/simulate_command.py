@@ -23,6 +23,7 @@ from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
+from fsw_quality.attestation import IDENTITY
 from fsw_quality.procedure import shipped as procedures
 from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import ClosedLoop
@@ -66,6 +67,8 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--procedure", metavar="PROCEDURE", default="", help=f"{text}; one of {', '.join(procedures())}"
     )
+    text = f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}"
+    add_repeated(parser, "--identity", "KEY=VALUE", text)
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
     parser.set_defaults(run=_run)
@@ -88,6 +91,7 @@ def _run(arguments: argparse.Namespace) -> int:
         by_procedure = graph_parameters(
             arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
         )
+    identity = _identity(arguments)
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
@@ -103,7 +107,7 @@ def _run(arguments: argparse.Namespace) -> int:
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure)
+            _record(loop.scenario, label, parameters, folder / f"graph_{file}", by_procedure, identity)
     write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
@@ -169,16 +173,34 @@ def _record(
     parameters: Mapping[str, dict[str, Any]],
     folder: Path,
     by_procedure: Mapping[str, dict[str, Any]],
+    identity: Sequence[str],
 ) -> None:
     """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
     companions = {"procedure": "fsw_quality.procedure_node"} if by_procedure else {}
-    graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=by_procedure)
+    derived = dict(by_procedure)
+    if identity:
+        derived["fsw_recorder"] = {**derived.get("fsw_recorder", {}), "custom_data": list(identity)}
+    graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=derived)
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
     if by_procedure:
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
+
+
+def _identity(arguments: argparse.Namespace) -> list[str]:
+    """What is welded with what, from the options, as the recorder takes it."""
+    if arguments.identity and not arguments.bag:
+        raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
+    found: dict[str, str] = {}
+    for text in arguments.identity:
+        key, _, value = (part.strip() for part in text.partition("="))
+        if key not in IDENTITY or not value:
+            raise CommandError(f"simulate: --identity {text}: write KEY=VALUE with one of {', '.join(IDENTITY)}")
+        if found.setdefault(key, value) != value:
+            raise CommandError(f"simulate: --identity: {key} is given twice")
+    return [f"{key}={value}" for key, value in found.items()]
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:

@@ -42,6 +42,27 @@ def test_limits_that_the_drives_cannot_keep_are_refused(tmp_path: Path, capsys: 
     assert "force_kn leave nothing of what the drives can do" in error and error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("max: 1600.0", "max: 100.0", "torque_nm at most 100 is impossible: 1053 is what the model needs at 2.66 mm"),
+        ("max: 66.0", "max: 6.0", "power_kw at most 6 is impossible: 44.94"),
+        ("min: 60.0\n    max: 97.0", "min: 80.0\n    max: 97.0", "force_kn 80 to 97 is impossible: 78.4"),
+        ("max: 500.0", "max: 350.0", "speed_rpm 300 to 350 is impossible: 407.6"),
+    ],
+)
+def test_limits_that_its_own_set_points_violate_are_refused(
+    before: str, after: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.yaml"
+    text = SHIPPED.read_text(encoding="utf-8")
+    assert before in text
+    other.write_text(text.replace(before, after), encoding="utf-8")
+    assert main(["procedure", "check", str(other)]) == 1
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
 def test_a_signed_revision_is_not_edited_unnoticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

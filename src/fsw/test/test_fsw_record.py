@@ -61,6 +61,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = folder / "short_weld.yaml"
     scenario.write_text(yaml.safe_dump(SCENARIO, sort_keys=False), encoding="utf-8")
     words = ["simulate", str(scenario), "--bag", "--procedure", str(with_changes(folder)), "--no-figures"]
+    words += ["--identity", "canister=C-1", "--identity", "tool=T-4"]
     assert main([*words, "--out", str(folder / "out")]) == 0
     bag = folder / "out" / "graph_decentral" / "bag"
     wait_until((bag / "on_finished.log").exists, "the record that is written by itself")
@@ -88,6 +89,8 @@ def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytes
     found = Record.model_validate_json(text)
     assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
+    assert found.identity == {"canister": "C-1", "tool": "T-4"}
+    assert found.proof == ("2 files as manifest.json has them", "not attested when this was written")
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
     assert 6.0 <= edge.begin_s <= 6.3 and edge.phases == ("joint_line",) and edge.commanded_by == "decentral"
     assert edge.beyond == pytest.approx(0.1, abs=0.03)
@@ -172,6 +175,22 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
         [rule] = [one for one in found.rules if one.name == "recording"]
         assert ("bag_0.mcap" in rule.figure) is told
         assert any("not as manifest.json has it" in one for one in found.cannot_say) is told
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--identity", "canister=C-1"], "--identity needs --bag"),
+        (["--bag", "--identity", "canister"], "write KEY=VALUE with one of canister, lid, tool, machine"),
+        (["--bag", "--identity", "colour=red"], "write KEY=VALUE with one of canister, lid, tool, machine"),
+        (["--bag", "--identity", "tool=1", "--identity", "tool=2"], "tool is given twice"),
+    ],
+)
+def test_a_wrong_identity_is_refused_before_the_weld(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "quick", *words]) == 1
+    assert said in capsys.readouterr().err
 
 
 def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
 from fsw_model import STEP_S, ModelParameters
-from fsw_schema.models import validate
+from fsw_schema.models import descriptions, validate
 from fsw_schema.ranges import Range
 
 
@@ -33,7 +33,7 @@ def specs() -> dict[str, ParameterSpec]:
 
 def _canister_specs() -> dict[str, ParameterSpec]:
     """Parameters of the canister, as its model describes them; they are for the start only."""
-    found = {}
+    found, texts = {}, descriptions(CanisterParameters)
     for name, field in CanisterParameters.model_fields.items():
         bounds = next((one for one in field.metadata if isinstance(one, Range)), None)
         options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
@@ -42,7 +42,7 @@ def _canister_specs() -> dict[str, ParameterSpec]:
             f"canister.{name}",
             kind,
             field.default,
-            field.description or name,
+            texts[name],
             unit=bounds.unit if bounds else "",
             range=(bounds.low, bounds.high) if bounds else None,
             options=options,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 
 from fsw_quality import signature
 from fsw_quality.procedure import Identity
-from fsw_quality.signature import PublicKey
+from fsw_quality.signature import LibraryMissingError, PublicKey
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.errors import BagError
@@ -85,8 +85,8 @@ class Signed:
         return sha256(self.data)
 
 
-def read_signed(path: Path, trusted: Sequence[PublicKey]) -> Signed:
-    """An attestation with its signature, checked.
+def read_signed(path: Path, trusted: Sequence[PublicKey] | None) -> Signed:
+    """An attestation with its signature, checked; without ``trusted`` keys, any will do.
 
     Raises
     ------
@@ -318,6 +318,38 @@ def summary(found: Sequence[Finding]) -> str:
     """Findings in one line."""
     lines = [one.line for one in found[:_MOST_FINDINGS]]
     return "; ".join(lines + [f"and {len(found) - _MOST_FINDINGS} more"] * (len(found) > _MOST_FINDINGS))
+
+
+def statement(bag: Path) -> tuple[list[str], list[str]]:
+    """Whether a bag is what was recorded, and who signed for it, in words; and what of that is wrong.
+
+    Any key will do: whose it is, the reader of its fingerprint has to say.
+    """
+    try:
+        manifest = read_manifest(bag) if bag.is_dir() else None
+        found = check_files(bag, manifest) if manifest else []
+    except BagError as error:
+        return [str(error)], [str(error)]
+    if manifest is None:
+        return [f"no {MANIFEST_NAME}: whether the files are what was recorded is not known"], []
+    if found:
+        text = f"not as {MANIFEST_NAME} has it: {summary(found)}"
+        return [text], [text]
+    late = ", hashed after the recording" if any(one.hashed == "afterwards" for one in manifest.files) else ""
+    told = [f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}"]
+    if not (bag / ATTESTATION_NAME).exists():
+        return [*told, "not attested when this was written"], []
+    try:
+        signed = read_signed(bag / ATTESTATION_NAME, None)
+    except LibraryMissingError as error:
+        return [*told, f"the attestation cannot be checked: {error}"], []
+    except InputError as error:
+        return [*told, str(error)], [str(error)]
+    if wrong := [*_other_identity(bag, signed.content), *_manifest_findings(bag, signed.content)]:
+        text = f"not as it was attested: {summary(wrong)}"
+        return [*told, text], [text]
+    when, number = signed.content.attested_at, signed.content.number
+    return [*told, f"attested as weld {number} at {when}, signed by key {signed.signer.fingerprint}"], []
 
 
 def verify_bag(

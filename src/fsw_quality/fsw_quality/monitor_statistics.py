@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 
 FloatArray = NDArray[np.float64]
 
@@ -118,7 +117,8 @@ def harris_index(errors: FloatArray, delay: int) -> float:
         return 1.0
     covariance = np.array([float(centred[lag:] @ centred[: n - lag]) for lag in range(_ORDER + 1)]) / n
     covariance[0] *= 1.0 + 1e-9
-    weights = solve_toeplitz(covariance[:-1], covariance[1:])
+    lags = np.arange(_ORDER)
+    weights = np.linalg.solve(covariance[np.abs(lags[:, None] - lags)], covariance[1:])
     impulse = np.zeros(delay)
     impulse[:1] = 1.0
     for i in range(1, delay):

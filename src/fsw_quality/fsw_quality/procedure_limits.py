@@ -7,6 +7,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_model import OperatingPointError, ProcessModel, nominal
 from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
 from fsw_recorder.after_recording import BAG
 from fsw_schema.models import InputError
@@ -71,6 +73,39 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
         "fsw_procedure": {"procedure": file},
         "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
     }
+
+
+def check_possible(procedure: Procedure) -> None:
+    """Compare the essential limits with what the model needs for the procedure's own set-points.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        A weld at its set-points would be outside an essential limit, or the model has no equilibrium there.
+    """
+    points = procedure.set_points
+    at = f"{points.depth_mm.value:g} mm and {points.temperature_c.value:g} °C"
+    try:
+        needed = ProcessModel(nominal()).equilibrium(points.depth_mm.value, points.temperature_c.value)
+    except OperatingPointError as error:
+        raise InputError(f"procedure {procedure.id}: its set-points cannot be held: {error}") from None
+    torque_nm = needed.outputs.motor_torque_nm
+    power_kw = torque_nm * kw_from_w(rad_s_from_rpm(needed.speed_rpm))
+    values: dict[Variable, float] = {
+        "force_kn": needed.force_kn,
+        "speed_rpm": needed.speed_rpm,
+        "torque_nm": torque_nm,
+        "power_kw": power_kw,
+        "traverse_mm_per_min": procedure.machine.traverse_mm_per_min,
+    }
+    for limit in procedure.essential:
+        value = values.get(limit.variable)
+        low, high = limit.min, limit.max
+        if value is not None and not ((low is None or low <= value) and (high is None or value <= high)):
+            whose = "the machine has" if limit.variable == "traverse_mm_per_min" else f"the model needs at {at}"
+            raise InputError(
+                f"procedure {procedure.id}: essential limit {limit.words} is impossible: {value:.4g} is what {whose}"
+            )
 
 
 def _always(procedure: Procedure, kind: str, variable: Variable) -> list[Limit]:

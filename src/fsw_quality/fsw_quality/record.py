@@ -15,9 +15,10 @@ from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
+from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
-from fsw_quality.attestation import IDENTITY, bag_name, software_versions, summary
+from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
 from fsw_quality.exceedances import Exceedance, beyond
@@ -28,16 +29,14 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, read_manifest
-from fsw_recorder.manifest_check import check_files
 from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
 _SIMULATED_NS = NANOSECONDS * 10**8
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
-#: node that watches the procedure, and its line on diagnostics
-WATCH_NODE, _DIAGNOSTICS, _DEVIATIONS = "fsw_procedure", "/diagnostics", "fsw_procedure: deviations"
+#: node that watches the procedure, and where it tells what it finds
+WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
 #: topics without which something cannot be said, and what
 _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
@@ -141,6 +140,8 @@ class Record(Model):
     bag: str
     """name of the bag"""
     files: Many[BagFile]
+    proof: Many[str] = ()
+    """whether the bag is as its manifest has it, and who attested it"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
     start_ns: int
@@ -187,22 +188,26 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     fsw_recorder.errors.BagError
         There is no bag, it cannot be read, or it holds no weld in the procedure's phases.
     """
-    return judged(bag, *read(bag, progress), procedure)
+    return judged(bag, procedure, *read(bag, progress))
 
 
-def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, dict[str, str]]:
-    """What is judged of a bag, and its custom data; errors as :func:`make`."""
+def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, dict[str, str], list[str]]:
+    """What :func:`judged` needs of a bag: signals, custom data, what proves it; errors as :func:`make`."""
     signals = load_weld(bag, progress)
-    signals.problems.extend(_not_as_recorded(bag))
+    proof, wrong = statement(bag)
+    signals.problems.extend(wrong)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
-        if f"parameters/{WATCH_NODE}.yaml" in signals.attachments:
+        watch = qualified(signals.namespace, WATCH_NODE)
+        if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
             told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
             signals = replace(signals, events=told)
-    return signals, custom
+    return signals, custom, proof
 
 
-def judged(bag: Path, signals: WeldSignals, custom: Mapping[str, str], procedure: Procedure) -> tuple[Record, Course]:
+def judged(
+    bag: Path, procedure: Procedure, signals: WeldSignals, custom: Mapping[str, str], proof: Sequence[str]
+) -> tuple[Record, Course]:
     """Judge what was read of a bag; errors as :func:`make`."""
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
@@ -214,11 +219,15 @@ def judged(bag: Path, signals: WeldSignals, custom: Mapping[str, str], procedure
             f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
             "with a programme, or its own procedure"
         )
-    return assemble(signals, procedure, custom, files_of(bag))
+    return assemble(signals, procedure, custom, files_of(bag), proof)
 
 
 def assemble(
-    signals: WeldSignals, procedure: Procedure, custom: Mapping[str, str], files: tuple[BagFile, ...] = ()
+    signals: WeldSignals,
+    procedure: Procedure,
+    custom: Mapping[str, str],
+    files: tuple[BagFile, ...] = (),
+    proof: Sequence[str] = (),
 ) -> tuple[Record, Course]:
     """The record of a weld from its signals and the custom data of its bag."""
     course = course_of(signals)
@@ -243,6 +252,7 @@ def assemble(
         procedure=procedure.identity,
         bag=bag_name(signals.path),
         files=files,
+        proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
         start_ns=start_ns,
         simulated_time=evidence.stamp_ns is None,
@@ -271,27 +281,20 @@ def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     if topic is None:
         return []
     definitions, found, before = Definitions(), [], ""
+    name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
     for record in reader.records([_DIAGNOSTICS]):
-        if _DEVIATIONS.encode() not in record.data:
+        if name.encode() not in record.data:
             continue
         message = definitions.decode(record.type_name, topic.definition, record.data)
-        line = next(one for one in message.status if one.name.endswith(_DEVIATIONS))
+        line = next((one for one in message.status if one.name == name), None)
+        if line is None:
+            continue
         if line.message != before and (before or line.level):
             stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
             time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
             found.append(WeldEvent(time_s, "deviation", line.message))
         before = line.message
     return found
-
-
-def _not_as_recorded(bag: Path) -> list[str]:
-    """What differs from the recorder's manifest, in one line; nothing where there is none."""
-    try:
-        manifest = read_manifest(bag) if bag.is_dir() else None
-        found = check_files(bag, manifest) if manifest else []
-    except BagError as error:
-        return [str(error)]
-    return [f"not as {MANIFEST_NAME} has it: {summary(found)}"] if found else []
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:

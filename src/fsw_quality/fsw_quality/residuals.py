@@ -27,6 +27,10 @@ from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
 from fsw_quality.monitor_statistics import FloatArray
 
+#: a jump from one sample to the next, in standard deviations of the noise, that no process makes: an edge of the
+#: workpiece, a step of the sensor (chosen)
+JUMP = 8.0
+
 
 class Residuals(NamedTuple):
     """Measured minus model at a tick, and what the estimates of the gains need."""
@@ -159,8 +163,11 @@ class GainEstimate:
         """Take the model's response without dead time, and what was measured."""
         if self._last is None:
             self._last = response, measured
+        moved = measured - self._last[1]
+        if abs(moved) > JUMP * self._noise:
+            moved = 0.0
         self._x = self._keep * (self._x + response - self._last[0])
-        self._y = self._keep * (self._y + measured - self._last[1])
+        self._y = self._keep * (self._y + moved)
         self._last = response, measured
         self._at = (self._at + 1) % self._history.size
         self._history[self._at] = self._x

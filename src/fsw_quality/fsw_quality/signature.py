@@ -41,6 +41,10 @@ class PublicKey:
         return "SHA256:" + base64.b64encode(hashlib.sha256(_key_blob(self.raw)).digest()).decode().rstrip("=")
 
 
+class LibraryMissingError(InputError):
+    """``cryptography`` is not installed."""
+
+
 def default_key() -> Path:
     """Where the key is that is used unless another is given: in the user's configuration, in no repository."""
     configured = os.environ.get("XDG_CONFIG_HOME", "")
@@ -256,6 +260,6 @@ def _check_installed() -> None:
     try:
         import cryptography  # noqa: F401
     except ImportError:
-        raise InputError(
+        raise LibraryMissingError(
             "signatures need cryptography: pip install cryptography, or the extra fsw-control[quality]"
         ) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, isfinite, nan
+from math import exp, inf, isfinite, nan
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from fsw_quality.monitor_statistics import (
     oscillation,
     robust_slope,
 )
-from fsw_quality.residuals import Gain, GainEstimate, Residuals
+from fsw_quality.residuals import JUMP, Gain, GainEstimate, Residuals
 
 #: all chosen: length of the windows, and of the time from which a weld's own normal values are learnt
 LEARN_S = 90.0
@@ -77,15 +77,12 @@ class DriveWatch:
         self.name, self._least = name, least
         self._low, self._high, self._step = low, high, step
         self._given, self._acting = Window(30 * _SECOND), Window(30 * _SECOND)
-        self._stuck, self._limited = Window(30 * _SECOND), Window(60 * _SECOND)
+        self._limited = Window(60 * _SECOND)
         self._normal: list[float] = []
 
     def push(self, given: float, acting: float) -> None:
         """Take the command for the step that ended, and where the drive is."""
-        before = self._acting.values(1)[0] if len(self._acting) else acting
         last = self._given.values(1)[0] if len(self._given) else given
-        # it stands still although the command is elsewhere
-        self._stuck.push(float(abs(given - acting) > self._least and abs(acting - before) < 0.05 * self._least))
         at_bound = not self._low + 1e-6 < given < self._high - 1e-6
         self._limited.push(float(at_bound or abs(given - last) >= self._step - 1e-6))
         self._given.push(given)
@@ -100,7 +97,10 @@ class DriveWatch:
         if not self._given.full:
             return {}
         name, given, acting = self.name, self._given.values(), self._acting.values()
-        found = {f"stiction_{name}": float(self._stuck.values().mean())}
+        # it stands still although the command is elsewhere: elsewhere than usual, for a load cell may have an offset
+        offset = given - acting
+        away = np.abs(offset - np.median(offset))[1:] > self._least
+        found = {f"stiction_{name}": float(np.mean(away & (np.abs(np.diff(acting)) < 0.05 * self._least)))}
         moves = np.abs(np.diff(given))
         if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
             delay, _ = best_delay(given, acting, 15)
@@ -159,13 +159,18 @@ class InnovationWatch:
 
     def __init__(self, name: str) -> None:
         self.name, self._window = name, Window(30 * _SECOND)
-        self._mean = nan
+        self._mean = self._last = nan
+        self._normal = inf
         self._learnt: list[float] = []
 
     def push(self, residual: float) -> None:
         """Take a residual."""
         if not isfinite(self._mean):
-            self._mean = residual
+            self._mean = self._last = residual
+        # an edge of the workpiece is no change of the process
+        if (residual - self._last) ** 2 > 2.0 * JUMP**2 * self._normal:
+            self._mean += residual - self._last
+        self._last = residual
         self._window.push(residual - self._mean)
         self._mean += self._FOLLOW * (residual - self._mean)
 
@@ -178,7 +183,9 @@ class InnovationWatch:
         if time_s <= LEARN_S:
             self._learnt.append(variance)
             return {}
-        normal = float(np.median(self._learnt)) if self._learnt else 0.0
+        if not self._learnt:
+            return {}
+        normal = self._normal = float(np.median(self._learnt))
         if normal <= 0.0:
             return {}
         return {

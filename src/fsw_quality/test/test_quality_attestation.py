@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fsw_quality import attestation, procedure
-from fsw_quality.attestation import ATTESTATION_NAME, attest, read_chain, verify_bag
+from fsw_quality.attestation import ATTESTATION_NAME, attest, read_chain, statement, verify_bag
 from fsw_quality.signature import PublicKey, load_private, load_public, make_key
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
@@ -77,6 +77,30 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def shop(original: Path, tmp_path: Path) -> Shop:
     return Shop(Path(shutil.copytree(original, tmp_path / "shop")))
+
+
+def test_a_record_can_say_whether_the_bag_is_what_was_recorded_and_who_signed(shop: Shop) -> None:
+    bag = shop.bag(2)
+    told, wrong = statement(bag)
+    signer = shop.trusted[0].fingerprint
+    assert told == [
+        "2 files as manifest.json has them",
+        f"attested as weld 2 at {NOW.isoformat()}, signed by key {signer}",
+    ]
+    assert wrong == []
+    signature = (bag / "attestation.json.sig").read_text()
+    (bag / "attestation.json.sig").write_bytes((shop.bag(3) / "attestation.json.sig").read_bytes())
+    told, wrong = statement(bag)
+    assert "the signature does not fit" in told[-1] and len(wrong) == 1
+    (bag / "attestation.json.sig").write_text(signature)
+    (bag / MANIFEST_NAME).write_bytes((bag / MANIFEST_NAME).read_bytes() + b"\n")
+    assert "not as it was attested: manifest.json: is not the manifest that was signed" in statement(bag)[1][0]
+    (bag / ATTESTATION_NAME).unlink()
+    assert statement(bag) == (["2 files as manifest.json has them", "not attested when this was written"], [])
+    (bag / "weld_2_0.mcap").write_bytes(b"other")
+    assert "not as manifest.json has it: weld_2_0.mcap" in statement(bag)[1][0]
+    (bag / MANIFEST_NAME).unlink()
+    assert statement(bag) == (["no manifest.json: whether the files are what was recorded is not known"], [])
 
 
 def test_what_was_not_touched_is_proven(shop: Shop) -> None:

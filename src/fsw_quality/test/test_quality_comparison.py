@@ -96,18 +96,21 @@ def test_times_of_control(actions: list[tuple[float, str, str]], expected: list[
     assert [(one.who, one.begin_s, one.end_s) for one in times_of_control(events, 9.0)] == expected
 
 
-def test_told_deviations_are_on_record_once_each(tmp_path: Path) -> None:
-    """Diagnostics come every second; what changes is an event, at the weld's time."""
+@pytest.mark.parametrize(("home", "neighbour"), [("", "/cell2"), ("/cell1", "/cell2"), ("/cell1", "/hall/cell1")])
+def test_told_deviations_are_on_record_once_each(tmp_path: Path, home: str, neighbour: str) -> None:
+    """Diagnostics come every second; what changes is an event, at the weld's time. Another weld's do not count."""
     types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
-    weld = good_weld()
+    weld = replace(good_weld(), namespace=home)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic(RecordedTopic("/diagnostics", kind, interface_definition(kind), interface_hash(kind)))
         for tick, text in enumerate(["no deviation", "no deviation", "mode manual", "mode manual", "no deviation"]):
             stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
-            status = {"name": "fsw_procedure: deviations", "message": text, "level": 2 * (text != "no deviation")}
             stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
-            values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
-            writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
+            for cell, told in ((neighbour, f"of the other weld: {tick}"), (home, text)):
+                name = f"{cell}/fsw_procedure: deviations".removeprefix("/")
+                status = {"name": name, "message": told, "level": 2 * (told != "no deviation")}
+                values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
+                writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
     with BagReader(tmp_path / "bag") as reader:
         found = told_deviations(reader, weld)
     assert [(round(one.time_s, 6), one.kind, one.text) for one in found] == [

@@ -7,10 +7,15 @@ definition come the check, the error texts, the JSON Schema and the reference pa
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 from collections.abc import Mapping
 from difflib import get_close_matches
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
+from textwrap import dedent
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 import yaml
@@ -66,9 +71,7 @@ class Model(BaseModel):
     A key without a value counts as left out.
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -186,6 +189,26 @@ def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str
         raise InputError(f"cannot read {what} {str(source)!r}: not a text file in UTF-8") from None
 
 
+@cache
+def descriptions(model: type[BaseModel]) -> dict[str, str]:
+    """What the docstrings below the fields of a model say, by field; of a field without one, its own description.
+
+    They are read when they are asked for: ``use_attribute_docstrings`` of pydantic reads the source of every model when
+    it is imported, which took up to a fifth of the time in which a node starts.
+    """
+    found = {name: field.description for name, field in model.model_fields.items() if field.description}
+    for one in reversed(model.__mro__):
+        if not issubclass(one, Model) or one is Model or one.__pydantic_generic_metadata__["origin"]:
+            continue  # a generic model with its types has no source but that of the generic one, its base
+        (definition,) = ast.parse(dedent(inspect.getsource(one))).body
+        assert isinstance(definition, ast.ClassDef)
+        for field, text in pairwise(definition.body):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(words))):
+                    found[name] = inspect.cleandoc(words)
+    return found
+
+
 def json_schema(model: type[Model]) -> dict[str, Any]:
     """JSON Schema of a model, for editors."""
     found = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
@@ -206,6 +229,13 @@ def without_default(schema: dict[str, Any]) -> None:
 
 class _GenerateJsonSchema(GenerateJsonSchema):
     """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
+
+    def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
+        found = super().model_schema(schema)
+        model: type[BaseModel] = schema["cls"]
+        for name, text in descriptions(model).items():
+            found["properties"][model.model_fields[name].alias or name]["description"] = text
+        return found
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])

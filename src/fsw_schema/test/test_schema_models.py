@@ -87,6 +87,12 @@ def test_what_fits():
         ),
         ("{name: a, 1: 2}", "part.yaml: 1 is an unknown key; known: name, marks, bumps, count, sound"),
         ("name: a\nname: b", "part.yaml, line 2, column 1: not valid YAML: key 'name' is given twice"),
+        (
+            "name:\n\ta",
+            "part.yaml, line 2, column 1: not valid YAML: found character '\\t' that cannot start any token",
+        ),
+        ("[" * 900, "part.yaml: not valid YAML: "),
+        ("[" * 200_000, "part.yaml: not valid YAML: "),
         ("&a [*a]", "part.yaml: is [[...]], not a mapping"),
         ("a: [", "part.yaml, line 1, column 5: not valid YAML"),
         (f"name: {'x y ' * 1000}", "x y, not a name"),
