@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +69,12 @@ def all_figures(plants: Plants) -> Rows:
     return rows
 
 
-def against(plants: Plants, rival: str) -> Rows:
-    """How the adapting controller's figures compare with another's, over the plants."""
+def against(plants: Plants, rival: str, keys: Collection[str] = ()) -> Rows:
+    """How the adapting controller's figures compare with another's, over the plants; ``keys``: only these."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
     for key, title in figures(plants).items():
+        if keys and key not in keys:
+            continue
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
         runs = plants[int(r.argmax())]
@@ -124,9 +126,8 @@ def page(data: Mapping[str, Any]) -> str:
     swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
     tables = {
         "tight": shares(plants, [TIGHT]),
-        "both": shares(plants, RIVALS),
         "adapting": against(plants, FIXED),
-        "default": against(plants, DEFAULT),
+        "default": against(plants, DEFAULT, JUDGED),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
