@@ -135,7 +135,7 @@ def page(data: Mapping[str, Any]) -> str:
         "drifts": drift_rows(data["drifts"]),
         "margins": margin_rows(data["margins"]),
     }
-    tables = {name: table(rows) for name, rows in tables.items()}
+    tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return environment.get_template("adaptive.md.j2").render(
         tables,
         plants=len(plants),
