@@ -56,17 +56,19 @@ NOISE = (2e-3, 2.0, 0.1)
 COLD_TOLERANCES = (1e-1, 1e-3, 1e-5)
 #: When after an event a problem is taken.
 TAKEN_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-#: do-mpc takes seconds for each problem.
-MOST_PROBLEMS = {"do_mpc": 8}
+#: do-mpc takes seconds for each problem, FATROP too, as it does not converge.
+MOST_PROBLEMS = {"do_mpc": 8, "fatrop": 2}
 #: Costs that differ by more, relatively, are not of the same problem or not of a solution.
 SAME_COST = 1e-3
 
 
 def main() -> int:
     """Run all measurements; returns the exit code."""
-    options = parser(__doc__, "shorter runs: minutes become seconds").parse_args()
+    arguments = parser(__doc__, "shorter runs: minutes become seconds")
+    arguments.add_argument("--only-ratios", action="store_true", help="only the comparison with other solvers")
+    options = arguments.parse_args()
     figures: Figures = {}
-    for part in (step_times, ratios, worst_cases, against_converged):
+    for part in (ratios,) if options.only_ratios else (step_times, ratios, worst_cases, against_converged):
         print(f"{(part.__doc__ or '').splitlines()[0]} ...", file=sys.stderr, flush=True)
         figures |= part(options.quick)
         save(figures, options.json)

@@ -1,9 +1,9 @@
-"""The NMPC's problem put to other solvers, for ``nmpc.py``: cold IPOPT, GEKKO with APOPT, do-mpc.
+"""The NMPC's problem put to other solvers, cold, for ``nmpc.py``: IPOPT, FATROP, SQP with PIQP, GEKKO, do-mpc.
 
 All of them get the same problem: the steps and tables of the horizon, the moves, bounds, dead-bands and weights. None
 gets help from a solution: moves start at zero. What a solver needs to be told about a problem is made ready before its
-clock starts. IPOPT is given the moves only (``fsw_test_support.nmpc_ipopt``), GEKKO and do-mpc the states of every step
-too; with do-mpc the power under way in the dead time is a line of states.
+clock starts. Solvers of CasADi are given the moves only (``fsw_test_support.nmpc_ipopt``), GEKKO and do-mpc the
+states of every step too; with do-mpc the power under way in the dead time is a line of states.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from fsw_model import STEP_S, ModelParameters
@@ -33,6 +34,12 @@ class Answer:
     cost: float = np.nan
 
 
+#: SQP with exact second derivatives; of CasADi's QP solvers PIQP takes them as they are, and is the fastest that does
+SQP = {
+    **{f"print_{what}": False for what in ("header", "iteration", "status")},
+    **{"qpsol": "piqp", "qpsol_options": {"error_on_fail": False}, "error_on_fail": False, "max_iter": 50},
+}
+FATROP = {"fatrop": {"print_level": 0, "max_iter": 500}, "expand": True}
 Solve = Callable[[Any], Answer]
 Kept = Callable[..., Any]
 
@@ -43,7 +50,9 @@ def rivals(parameters: ModelParameters, library: Library) -> dict[str, Solve | N
     if h.n_blocks != h.n_out or any(t.square) or any(t.move_square):
         raise ValueError("the rivals are told L1 costs, and a move in every interval")
     return {
-        "ipopt": ipopt(parameters, library),
+        "ipopt": by_casadi(parameters, library, "ipopt"),
+        "sqp_piqp": by_casadi(parameters, library, "sqpmethod", SQP) if ca.has_conic("piqp") else None,
+        "fatrop": by_casadi(parameters, library, "fatrop", FATROP) if ca.has_nlpsol("fatrop") else None,
         "gekko_apopt": gekko_apopt(parameters, h, t) if find_spec("gekko") else None,
         "do_mpc": DoMpc(parameters, h, t) if find_spec("do_mpc") else None,
     }
@@ -55,9 +64,9 @@ def cpu_now_s() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def ipopt(p: ModelParameters, library: Library) -> Solve:
-    """Cold IPOPT on the moves alone, as CasADi sets it up."""
-    oracle = ReferenceSolver(library, p)
+def by_casadi(p: ModelParameters, library: Library, method: str, options: dict[str, Any] | None = None) -> Solve:
+    """A cold solver of CasADi on the moves alone."""
+    oracle = ReferenceSolver(library, p, method=method, options=options)
 
     def solve(problem: Any) -> Answer:
         began = cpu_now_s()
@@ -207,7 +216,7 @@ class DoMpc:
         self._n_steps = len(h.step_length_s)
         self._begins = np.diff(h.step_interval, prepend=-1) > 0
         self._reached = np.column_stack([h.depth_width, h.temperature_width]) > 0
-        self._bands, self._disturbance = np.zeros((self._n_steps, 4)), np.zeros(4)
+        self._bands, self._disturbance = np.zeros((self._n_steps, 4)), np.zeros(5)
         tables = self._tables()
         self._mpc = self._controller(self._model(tables.shape[1]), tables)
         for k in range(self._n_steps):

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from fsw.processes import Model as Model
     from fsw.processes import identify as identify
     from fsw.processes import model as model
+    from fsw.tasks import campaign as campaign
+    from fsw.tasks import export_c as export_c
+    from fsw.tasks import export_fmu as export_fmu
+    from fsw.tasks import record as record
+    from fsw.tasks import tune as tune
     from fsw.welds import Comparison as Comparison
     from fsw.welds import Weld as Weld
     from fsw.welds import compare as compare
@@ -33,6 +38,7 @@ __version__ = "0.1.0"
 _PLACES = {
     "fsw.controller": ("Controller",),
     "fsw.processes": ("Identified", "Model", "identify", "model"),
+    "fsw.tasks": ("campaign", "export_c", "export_fmu", "record", "tune"),
     "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
 }

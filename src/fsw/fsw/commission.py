@@ -35,7 +35,7 @@ from fsw.operate import add_graph_options
 from fsw.options import add_file, add_number
 from fsw.outputs import new_folder, write_text
 from fsw.progress import ProgressBar
-from fsw.tune import EVALUATIONS, write_tunings
+from fsw.tune_command import EVALUATIONS, write_tunings
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control import weld
 from fsw_model import ModelParameters

@@ -43,7 +43,9 @@ _COMMANDS = (
     *("monitor", "history", "demo", "node", "completion"),
 )
 #: modules of the commands whose name is that of a function of the package
-_MODULES = {name: f"{name}_command" for name in ("simulate", "model", "identify")}
+_MODULES = {
+    name: f"{name}_command" for name in ("simulate", "campaign", "model", "export", "identify", "tune", "record")
+}
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 

@@ -23,7 +23,14 @@ EXAMPLES = [
     if test.examples
 ]
 #: modules that some examples need, which are extras
-NEEDED = {"to_pandas": "pandas", "to_xarray": "xarray", "linearise": "control", "to_do_mpc": "do_mpc"}
+NEEDED = {
+    "to_pandas": "pandas",
+    "to_xarray": "xarray",
+    "linearise": "control",
+    "to_do_mpc": "do_mpc",
+    "campaign": "distributed",
+}
+NEEDED["export_fmu"] = "fmpy"
 
 
 @pytest.mark.slow

@@ -25,6 +25,11 @@ def can_write_pdf() -> bool:
     return find_spec("fpdf") is not None
 
 
+def files() -> tuple[str, ...]:
+    """Names of the files that :func:`write` writes."""
+    return (JSON, PAGE, *((PDF,) if can_write_pdf() else ()))
+
+
 def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
     """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``quality``."""
     images = {"traces": figures.traces(course, procedure)}

@@ -68,7 +68,7 @@ def test_page_and_figure(tmp_path):
     welds = study.saturated_welds()
     data = {"random": {"0": runs(), "1": runs(adaptive=1.2)}, "nominal": study.nominal()}
     data["saturated"] = study.saturated(welds)
-    drift = {name: [1.0, 2.0] for name in ("ramp", "sine", "deeper", "shallower")} | {"rest": [0.1]}
+    drift = {key: [1.0, 2.0] for key in ("ramp", "sine", "deeper", "shallower")} | {"rest": [0.1]}
     data["drifts"] = {study.ADAPTIVE: drift}
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}

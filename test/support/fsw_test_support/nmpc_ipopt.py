@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
@@ -64,11 +65,20 @@ class ReferenceSolver:
     parameters : ModelParameters
     tolerance : float
         Of IPOPT.
+    method : str
+        CasADi's name of another solver to use instead, with its ``options``.
     """
 
     name = "reference"
 
-    def __init__(self, library: Library, parameters: ModelParameters, tolerance: float = 1e-8) -> None:
+    def __init__(
+        self,
+        library: Library,
+        parameters: ModelParameters,
+        tolerance: float = 1e-8,
+        method: str = "ipopt",
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
         self._library, h = library, library.horizon
         predict = prediction_function(parameters, h)
         n, r = 2 * h.n_blocks, 2 * h.n_out
@@ -88,17 +98,15 @@ class ReferenceSolver:
             -z - size,
             ca.DM(cumulation(h)) @ (z * p["largest"]),
         )
-        options: dict[str, Any] = {
-            "print_time": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": _LONGEST_ITERATIONS},
-        }
+        if options is None:
+            options = {"ipopt": {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": _LONGEST_ITERATIONS}}
         program = {
             "x": ca.vertcat(z, over, size),
             "f": scale * (ca.dot(p["weight"], over) + ca.dot(p["move"], size) + bent),
             "g": constraints,
             "p": ca.vertcat(start, history, *p.values(), scale),
         }
-        self._solver = ca.nlpsol("reference", "ipopt", program, options)
+        self._solver = ca.nlpsol("reference", method, program, {"print_time": False, **options})
         self._predict = predict
         self.iterations, self.cost = 0, np.nan
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+import fsw
 from fsw.console import program
 from fsw.options import add_file, add_number
 from fsw.outputs import new_folder
@@ -70,20 +71,18 @@ def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str 
 
     ``origin``: comment for the head of the files.
     """
-    from fsw_nmpc.tuning import Tuning
-    from fsw_scenario.tune_decentral import NAMES, tune
+    from fsw_scenario.tune_decentral import NAMES
 
-    model = ModelParameters.from_file(model_file)
     own: dict[str, Mapping[str, Any]] = {}
     for name in NAMES:
-        with ProgressBar(f"decentral:{name}") as bar:
-            own[f"decentral:{name}"] = dict(tune(name, model, evaluations, bar))
-        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"], origin)
+        label = f"decentral:{name}"
+        with ProgressBar(label) as bar:
+            own[label] = fsw.tune(label, model_file, evaluations=evaluations, progress=bar)
+        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[label], origin)
     copy, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(model_file, copy)
-    tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
     rule = f"# By rule from the dead time of {model_file.name}.\n"
-    tuning_file.write_text(f"{origin}{rule}{yaml.safe_dump(tuning)}", "utf-8")
+    tuning_file.write_text(f"{origin}{rule}{yaml.safe_dump(fsw.tune('nmpc', model_file))}", "utf-8")
     _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(copy), "tuning_file": str(tuning_file)}, origin)
     return own
 

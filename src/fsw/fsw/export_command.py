@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import fsw
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.options import add_file, add_repeated
 from fsw.progress import ProgressBar
 from fsw.simulate_command import assignment
-
-if TYPE_CHECKING:
-    from fsw_export.choice import Choice
 
 
 def add_command(commands: Any) -> None:
@@ -62,19 +60,17 @@ def _add_choice(kind: argparse.ArgumentParser, parameter: str) -> None:
     add_repeated(kind, "--parameter", "NAME=VALUE", parameter)
 
 
-def _choice(arguments: argparse.Namespace) -> Choice:
-    from fsw_export.choice import Choice
-
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What is exported, and whether it may replace something."""
     values = dict(assignment("--parameter", text) for text in arguments.parameter)
-    return Choice(arguments.unit, arguments.model, arguments.tuning, values)
+    chosen = {"model": arguments.model, "tuning": arguments.tuning, "parameters": values}
+    return chosen | {"replace": arguments.force}
 
 
 def _run_c(arguments: argparse.Namespace) -> int:
-    from fsw_export.c_folder import write_folder
-
     try:
         with ProgressBar("weld of the test vectors") as bar:
-            check = write_folder(_choice(arguments), arguments.out, arguments.force, bar)
+            check = fsw.export_c(arguments.unit, arguments.out, progress=bar, **_options(arguments))
     except RuntimeError as error:
         raise CommandError(f"export c: {error}") from None
     print(check)
@@ -82,24 +78,11 @@ def _run_c(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _prepare(choice: Choice) -> None:
-    """Reduce the canister of a plant, which takes a while."""
-    from fsw_plant import PlantConfig, prepare
-
-    with ProgressBar("heat conduction in the canister") as bar:
-        prepare(PlantConfig.from_values(choice.values), lambda share, _: bar(share))
-
-
 def _run_fmu(arguments: argparse.Namespace) -> int:
-    from fsw_export import fmu
-
+    options = _options(arguments) | {"platforms": tuple(arguments.platform)}
     try:
-        fmu.check_file(arguments.out, arguments.force)
-        choice = _choice(arguments)
-        if choice.values.get("process") == "canister":
-            _prepare(choice)
-        content = fmu.make(choice)
-        fmu.write(content, arguments.out, arguments.force, arguments.platform)
+        with ProgressBar("heat conduction in the canister") as bar:
+            content = fsw.export_fmu(arguments.unit, arguments.out, progress=bar, **options)
     except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None
     variables = content.variables

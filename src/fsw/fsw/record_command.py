@@ -6,13 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
 from fsw.errors import CommandError
 from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
-from fsw_quality.comparison import accepted_before, compare
 from fsw_quality.procedure import load, shipped
 
 if TYPE_CHECKING:
@@ -38,9 +38,9 @@ def add_command(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw_quality import record, report  # matplotlib takes a second to import
+    from fsw_quality import report  # matplotlib takes a second to import
 
-    procedure = load(arguments.procedure)
+    load(arguments.procedure)  # what is wrong in it is said before anything else
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")
@@ -56,17 +56,13 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     for name, bag in bags.items():
         with ProgressBar(f"reading {bag}") as bar:
-            found, course = record.make(bag, procedure, bar)
-        if arguments.compare:
-            found = found.changed(comparison=compare(found, accepted_before(arguments.compare, found)))
+            found = fsw.record(bag, arguments.procedure, folders[name], compare_with=arguments.compare, progress=bar)
         print_notes(found.cannot_say)
-        folders[name].mkdir(parents=True, exist_ok=True)
-        files = report.write(found, course, procedure, folders[name])
         print(
             f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
         )
         print_notes(_unusual(found))
-        print(f"written: {', '.join(map(str, files))}")
+        print(f"written: {', '.join(str(folders[name] / file) for file in report.files())}")
     if not report.can_write_pdf():
         print_notes(["no PDF: pip install fpdf2, or the extra fsw-control[quality]"])
     return 0

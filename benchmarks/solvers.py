@@ -1,0 +1,127 @@
+#!/usr/bin/env python3
+"""Writes docs/results/solvers.md, with its figure, from what nmpc_qp.py and nmpc.py have measured.
+
+python3 benchmarks/nmpc_qp.py --json out/qp.json
+python3 benchmarks/nmpc.py --only-ratios --json out/nlp.json
+python3 benchmarks/solvers.py out/qp.json out/nlp.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure()
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
+NAMES = {
+    **{"own": "this project's", "daqp": "DAQP", "qpoases": "qpOASES", "hpipm": "HPIPM", "piqp": "PIQP"},
+    **{"highs": "HiGHS", "proxqp": "ProxQP", "osqp": "OSQP", "rti108": "this project's", "ipopt": "IPOPT"},
+    **{"sqp_piqp": "SQP, PIQP", "fatrop": "FATROP", "gekko_apopt": "GEKKO, APOPT", "do_mpc": "do-mpc"},
+}
+#: of a whole run of the benchmarks
+ALL_PROBLEMS = 20
+#: what a figure on a logarithmic scale shows of a cost that is the best (chosen)
+_LEAST_EXCESS = 1e-12
+
+
+class Row(NamedTuple):
+    """A solver; None: not measured, or nothing was solved."""
+
+    name: str
+    unsolved: int
+    cold_ms: float | None
+    warm_ms: float | None
+    interface_ms: float | None
+    ratio: float | None  #: of the time over this project's
+    excess: float | None  #: of the cost, largest
+
+
+def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
+    """Solvers of a tick's QP, the fastest first."""
+
+    def of(key: str) -> Any:
+        return figures.get(f"{preset}_{key}")
+
+    rows = [Row(NAMES["own"], 0, None, of("own_ms"), None, 1.0, of("excess_own"))]
+    for name in (one for one in NAMES if of(f"unsolved_{one}") is not None):
+        times = (of(f"{name}_{kind}") or None for kind in ("ms", "warm_ms", "interface_ms"))
+        rows.append(Row(NAMES[name], of(f"unsolved_{name}"), *times, of(f"ratio_{name}"), of(f"excess_{name}")))
+    return sorted(rows, key=lambda row: row.ratio or float("inf"))
+
+
+def nlp_rows(figures: dict[str, Any]) -> list[Row]:
+    """Solvers of the nonlinear problem, the fastest first."""
+    rows = []
+    for name in ("rti108", "sqp_piqp", "ipopt", "fatrop", "gekko_apopt", "do_mpc"):
+        if figures.get(f"solve_{name}_ms") is None and not figures.get(f"unsolved_{name}"):
+            continue
+        ratio = 1.0 if name == "rti108" else figures[f"ratio_{name}"]
+        excess, unsolved = figures.get(f"cost_excess_{name}"), figures.get(f"unsolved_{name}", 0)
+        rows.append(Row(NAMES[name], unsolved, figures[f"solve_{name}_ms"], None, None, ratio, excess))
+    return sorted(rows, key=lambda row: row.ratio or float("inf"))
+
+
+def draw(tables: dict[str, list[Row]], file: Path) -> None:
+    """Cost excess against time, a panel for each problem."""
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    for axes, (title, rows) in zip(figure.subplots(1, len(tables)), tables.items(), strict=True):
+        for number_of_label, row in enumerate(one for one in rows if one.excess is not None):
+            time_ms = min(one for one in (row.cold_ms, row.warm_ms) if one is not None)
+            excess = max(row.excess or 0.0, _LEAST_EXCESS)
+            axes.plot(time_ms, excess, "ks" if row.name == NAMES["own"] else "o")
+            axes.annotate(
+                row.name,
+                (time_ms, excess),
+                (4, 4 if number_of_label % 2 else -10),
+                textcoords="offset points",
+                fontsize=8,
+            )
+        axes.set(xscale="log", yscale="log", title=title, xlabel="CPU time [ms]", ylabel="largest excess of the cost")
+        axes.margins(0.2)
+        axes.grid(alpha=0.3)
+    figure.savefig(file, dpi=100)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """For a table."""
+    return "–" if value is None else f"{value:.{digits}g}" if value else "0"
+
+
+def main() -> int:
+    """Write the page; returns the exit code."""
+    arguments = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    arguments.add_argument("qp", type=Path, metavar="QP.json", help="of nmpc_qp.py")
+    arguments.add_argument("nlp", type=Path, metavar="NLP.json", help="of nmpc.py")
+    arguments.add_argument("--page", type=Path, default=PAGE)
+    parsed = arguments.parse_args()
+    qp, nlp = (json.loads(file.read_text(encoding="utf-8")) for file in (parsed.qp, parsed.nlp))
+    tables = {
+        "QP of a tick, preset default": qp_rows(qp, "default"),
+        "QP of a tick, preset paper": qp_rows(qp, "paper"),
+        "nonlinear problem, cold": nlp_rows(nlp),
+    }
+    draw(tables, parsed.page.with_suffix(".png"))
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["number"] = number
+    quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
+    text = environment.get_template("solvers.md.j2").render(tables=tables, qp=qp, nlp=nlp, quick=quick)
+    parsed.page.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
