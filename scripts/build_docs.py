@@ -284,6 +284,7 @@ def command_line() -> dict[str, str]:
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     nodes = ("param", "lifecycle", "hmi")
     running = tuple(one for one in list(verbs)[: len(RUNNING)] if one not in nodes)  # each module adds one
+    running = (*running, "commission")
     quality = ("procedure", "record", "monitor", "history")
     whole = ("demo", "node", "completion")
     studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows, table
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import STYLE, colours_of
+from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
@@ -68,14 +69,17 @@ def all_figures(plants: Plants) -> Rows:
     return rows
 
 
-def against(plants: Plants, rival: str) -> Rows:
-    """How the adapting controller's figures compare with another's, over the plants."""
+def against(plants: Plants, rival: str, keys: Collection[str] = ()) -> Rows:
+    """How the adapting controller's figures compare with another's, over the plants; ``keys``: only these."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
     for key, title in figures(plants).items():
+        if keys and key not in keys:
+            continue
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
         runs = plants[int(r.argmax())]
-        there = f"{runs[rival][key]:.3g} → {runs[ADAPTIVE][key]:.3g}"
+        factor = ROWS[key.split()[1]][2]  # to the unit of the title
+        there = f"{factor * runs[rival][key]:.3g} → {factor * runs[ADAPTIVE][key]:.3g}"
         rows.append([title, *numbers, there, f"{(r > TOLERATED).sum()} of {len(r)}"])
     return rows
 
@@ -122,9 +126,8 @@ def page(data: Mapping[str, Any]) -> str:
     swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
     tables = {
         "tight": shares(plants, [TIGHT]),
-        "both": shares(plants, RIVALS),
         "adapting": against(plants, FIXED),
-        "default": against(plants, DEFAULT),
+        "default": against(plants, DEFAULT, JUDGED),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
@@ -132,7 +135,7 @@ def page(data: Mapping[str, Any]) -> str:
         "drifts": drift_rows(data["drifts"]),
         "margins": margin_rows(data["margins"]),
     }
-    tables = {name: table(rows) for name, rows in tables.items()}
+    tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return environment.get_template("adaptive.md.j2").render(
         tables,
         plants=len(plants),

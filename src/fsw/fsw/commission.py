@@ -191,13 +191,13 @@ class Work:
 
     def tune(self) -> Outcome:
         """Search for the tunings."""
-        from fsw_decentral import Gains
-        from fsw_scenario.tune_decentral import BOUNDS, robustness
+        from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
         own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
-        found = {label.partition(":")[2]: robustness(Gains(**gains), model) for label, gains in own.items()}
+        gains = {name: start_of(name, model).changed(**own[f"decentral:{name}"]) for name in NAMES}
+        found = {name: robustness(one, model) for name, one in gains.items()}
         return outcome_of(tune_rows(found, BOUNDS), _now(), "files in tuned")
 
     def apply(self) -> Outcome:
