@@ -108,7 +108,9 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _oscillates(row: Row, controller: str) -> bool:
-    return bool(row["controller"] == controller and row["depth_sigma_mm"] > _OSCILLATES_MM)
+    """Whether the loop oscillates; where the drives are at their limit, the depth is off for another reason."""
+    free = row["fastest_s"] <= _LONG_S
+    return bool(row["controller"] == controller and free and row["depth_sigma_mm"] > _OSCILLATES_MM)
 
 
 def _best(rows: Sequence[Row]) -> dict[str, float]:
