@@ -42,7 +42,7 @@ NODES = {
     "fsw_scenario": ("fsw_scenario.scenario_node", {"use_sim_time": True, "scenario": "", "silence_timeout_s": 3600.0}),
     "fsw_plant": (
         "fsw_plant.plant_node",
-        {"clock": "simulated", "speed": 0.0, "wait_for_subscribers": 2, "model.thermal_gain_c_per_kw": 1.3},
+        {"clock": "simulated", "speed": 10.0, "wait_for_subscribers": 2, "model.thermal_gain_c_per_kw": 1.3},
     ),
 }
 

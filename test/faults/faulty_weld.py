@@ -147,7 +147,8 @@ class Weld(Spinner):
         node.create_subscription(PlantState, f"{raw}fsw/plant/truth", self.truths.append, DEEP)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
         node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, DEEP)
-        node.create_subscription(Temperature, "fsw/thermocouple", self.on_measurement, DEEP)
+        # rogue answers the newest: one that works off a queue never comes back once lockstep has ceased to wait for it
+        node.create_subscription(Temperature, "fsw/thermocouple", self.on_measurement, QoSProfile(depth=1))
         self.references = node.create_publisher(WeldReference, "fsw/reference", LATEST)
         self.requests = node.create_publisher(String, "fsw/switch_request", 10)
         self.proposals = node.create_publisher(WeldCommand, "fsw/rogue/proposal", 10)

@@ -73,7 +73,7 @@ def test_page_and_figure(tmp_path):
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
     page = report.page(data)
-    assert "2 plants" in page and "| set-points, IAE depth [mm s] | 1.10 | 1.19 | 1.20 | 1 → 1.2 | 1 of 2 |" in page
+    assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2 |" in page
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}
