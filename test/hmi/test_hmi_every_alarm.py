@@ -1,6 +1,7 @@
 """Every alarm of the page at a real graph: raised, shelved, taken back, cleared, raised again, acknowledged."""
 
 import signal
+import time
 from functools import partial
 from importlib.resources import files
 
@@ -22,7 +23,7 @@ from fsw_schema.yaml_text import load_yaml
 from fsw_test_support.page_client import Page
 from fsw_test_support.patient_weld import PATIENT_ARGUMENTS
 from fsw_test_support.ros_graph import Spinner
-from fsw_test_support.waiting import wait_for_text
+from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 pytestmark = [pytest.mark.real_time, pytest.mark.full]
 
@@ -134,7 +135,11 @@ class AlarmWeld(Spinner):
 
     def acknowledge_stop(self):
         self.ask("acknowledge_stop")
-        self.ask("mode", mode="auto")
+        end_s = time.monotonic() + PATIENCE_S
+        while (answer := self.page.ask("mode", mode="auto"))["outcome"] != "done":
+            # on a busy machine a controller may have missed a tick and is not ready for the next ones
+            assert "is not ready" in answer["message"] and time.monotonic() < end_s, answer
+            self.page.until("tick")
         self.until_auto()
 
     def tell(self, level, text, *nodes):
