@@ -64,7 +64,7 @@ WIDE = {("paper", "innovation_colour"): 2.0}
 #: what was heated before. A limit would only say how much its warming up differs from weld to weld
 HEAT = ("drift_heat", "gain_heat", "dead_time", "innovation_size_heat", "innovation_colour_heat")
 #: welds that judge false alarms, and those of each fault; fewer on a canister, whose welds take longer
-WITHOUT_FAULT, FAULT_SEEDS = {"paper": range(3000, 3060), "canister": range(1000, 1030)}, (2001, 2003)
+WITHOUT_FAULT, FAULT_SEEDS = {"paper": range(3000, 3200), "canister": range(1000, 1100)}, (2001, 2003)
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
