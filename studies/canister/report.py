@@ -24,11 +24,9 @@ _FIGURES = {
     "temperature_sigma_c": ("RMS error of the temperature [°C]", 1.0, ".2f"),
     "temperature_peak_c": ("largest error of the temperature [°C]", 1.0, ".1f"),
     "depth_sigma_mm": ("RMS error of the depth [µm]", 1e3, ".1f"),
-    "depth_peak_mm": ("largest error of the depth [µm]", 1e3, ".0f"),
     "moved_kn": ("movement of the force [kN/min]", 60.0, ".0f"),
     "moved_rpm": ("movement of the speed [rpm/min]", 60.0, ".0f"),
     "fastest_s": ("time at the drives' highest speed [% of the phase]", 100.0, ".1f"),
-    "slowest_s": ("time at the drives' lowest speed [% of the phase]", 100.0, ".1f"),
 }
 #: of the joint line at a drive's limit: a canister that asks for more than the drive gives
 _LONG_S = 60.0
@@ -52,7 +50,7 @@ _LINES: dict[str, dict[str, Any]] = {
 #: rows of the table of canisters that no controller can weld within the limits
 _SHOWN = 4
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
-_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s", "slowest_s")
+_PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
