@@ -16,8 +16,7 @@ from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
 
 PI = ("decentral:conservative", "decentral:tight")
-ADAPTIVE = "nmpc:adaptive"
-CONTROLLERS = ("nmpc:default", ADAPTIVE, "nmpc:paper", *PI, "decentral:smith")
+CONTROLLERS = ("nmpc:default", "nmpc:adaptive", "nmpc:paper", *PI, "decentral:smith")
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
 #: published or plain words for the columns of the page
 _FIGURES = {

@@ -224,7 +224,6 @@ class WeldPlayer:
             machine = self._programme.machine
             jumped = machine.follow(self._tick, _reading_c(self._shown, stamp_ns))
             self._tick, self._held = machine.tick, machine.held
-            self._received.at(stamp_ns)
             if jumped and self._course.followed:
                 present = self._in_force()
                 self._course.resume(present, self._tick)
