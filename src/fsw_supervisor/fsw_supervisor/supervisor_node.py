@@ -176,7 +176,9 @@ class SupervisorNode(Node):
             self._commands = None
 
     def _report_changes(self) -> None:
-        """Publish the state and log the events."""
+        """Publish the state and log the events; before the role is decided they wait."""
+        if self._role is Role.LISTENING:
+            return
         machine = self._arbiter.machine
         self._published_revision = machine.revision
         self._failover.asserting = False
