@@ -65,6 +65,9 @@ class EstimatorTuning(Model):
     """a measurement further off is a jump; 0: never"""
     drift_sigmas: NonNegativeFloat = 3.5
     """innovations of the depth whose sum over about a second is further off are a drift; 0: never"""
+    heat_sigmas: NonNegativeFloat = 0.0
+    """innovations of the temperature whose sum over about five seconds is further off are heat that the model lacks;
+    0: never"""
 
 
 class Tuning(Model):
@@ -243,6 +246,7 @@ class Tuning(Model):
             rate_keep=exp(-STEP_S / e.rate_memory_s) if e.rate_memory_s > 0.0 else 0.0,
             jump_sigmas=e.jump_sigmas,
             drift_sigmas=e.drift_sigmas,
+            heat_sigmas=e.heat_sigmas,
             blind_limit_s=blind_limit_s,
         )
 

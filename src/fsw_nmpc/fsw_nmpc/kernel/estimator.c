@@ -32,6 +32,7 @@
 #define LEAST_TORQUE_NM 100.0
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
+#define LASTING_KEEP 0.98 /* likewise for the temperature, about five seconds */
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
@@ -161,7 +162,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->recent = 0.0;
+  e->recent = e->lasting = 0.0;
   e->is_excited = e->heated_ticks = e->is_telling = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
@@ -223,6 +224,10 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
+  if (!e->is_telling) /* held: constants of the model until they are estimated again */
+    for (int i = FSW_THERMAL_GAIN; i <= FSW_DELAY; i++)
+      for (int j = 0; j < N; j++)
+        if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
 }
 
 /* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
@@ -349,6 +354,7 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
   if (t->jump_sigmas > 0.0 && excess > 0.0) {
     for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
     expected = spread(e, row, cross) + noise * noise;
+    if (sensor == TEMPERATURE) e->is_telling = 0; /* what jumps tells no gain */
   }
   double gain[N]; /* with that of a held state at zero, the update is Schmidt's */
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
@@ -366,6 +372,20 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   const double rate = (1.0 - RECENT_KEEP) * e->recent * deviation; /* mean innovation in about a second, per second */
   e->p[FSW_DEPTH_RATE][FSW_DEPTH_RATE] += rate * rate;
   e->recent = 0.0;
+}
+
+/* Likewise after an update of the temperature: a heat that the model does not have warms the copper at a rate that the
+ * filter corrects at every tick, so innovations keep one sign. */
+static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
+  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
+  e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
+  const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
+  if (!(t->heat_sigmas > 0.0 && e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
+  const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
+  const double rate = share * (1.0 - LASTING_KEEP) * e->lasting * deviation / FSW_TICK_S;
+  const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
+  e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
+  e->lasting = 0.0;
 }
 
 static void clear_row(double row[N]) {
@@ -406,6 +426,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     clear_row(jumping);
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
+    widen_heat(e, m, t);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);

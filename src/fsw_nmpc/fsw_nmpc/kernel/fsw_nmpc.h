@@ -106,6 +106,7 @@ typedef struct {
   double rate_keep;            /* likewise of their rates */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
   double drift_sigmas;         /* innovations of the depth whose recent sum is further off are a drift; 0: never */
+  double heat_sigmas;          /* innovations of the temperature whose sum over seconds is further off are heat; 0: never */
   double blind_limit_s;        /* longest time without a sensor */
 } fsw_nmpc_tuning;
 
@@ -202,6 +203,7 @@ typedef struct {
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
+  double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 
