@@ -51,7 +51,7 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
     """Label and parameters of every column; a tuning file of one of them exists as long as the context."""
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "not_adapting.yaml"
-        file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0}\n", encoding="utf-8")
+        file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0, heat_sigmas: 0.0}\n", encoding="utf-8")
         sooner = Path(scratch) / "sooner.yaml"
         sooner.write_text("estimator: {drift_sigmas: 3.0}\n", encoding="utf-8")
         own = {FIXED: (ADAPTIVE, {"tuning_file": str(file)}), SOONER: (ADAPTIVE, {"tuning_file": str(sooner)})}

@@ -66,7 +66,7 @@ class EstimatorTuning(Model):
     drift_sigmas: NonNegativeFloat = 3.5
     """innovations of the depth whose sum over about a second is further off are a drift; 0: never"""
     heat_sigmas: NonNegativeFloat = 0.0
-    """innovations of the temperature whose sum over about five seconds is further off are heat that the model lacks;
+    """innovations of the temperature whose sum over about ten seconds is further off are heat that the model lacks;
     0: never"""
 
 
@@ -280,7 +280,7 @@ ADAPTIVE = Tuning(
     yield_temperature_c=1.0,
     quality_weight_per_mm=1e5,
     quality_weight_per_c=5e3,
-    estimator=EstimatorTuning(thermal_gain_walk=1e-3, delay_walk_s=2e-3),
+    estimator=EstimatorTuning(thermal_gain_walk=1e-3, delay_walk_s=2e-3, heat_sigmas=3.5),
 )
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37); constant offsets
 PAPER = Tuning(

@@ -5,6 +5,7 @@ import pytest
 
 from fsw_control import Reference
 from fsw_model import ProcessModel, nominal
+from fsw_model.equations import COPPER
 from fsw_nmpc import NmpcController
 from fsw_nmpc.library import State
 from fsw_test_support.nmpc_loop import TARGET, Loop
@@ -99,6 +100,43 @@ def test_what_is_learnt_moves_slowly_and_within_bounds():
     assert found[:, 0].min() >= 0.5 and found[:, 0].max() == pytest.approx(2.0, abs=0.15)
     assert np.abs(found[:, 1]).max() <= 1.0
     assert np.abs(np.diff(loop.applied_rpm)).max() <= 3.0 + 1e-9
+
+
+@pytest.mark.slow
+def test_while_they_are_held_they_are_constants():
+    """What is told to the other states does not depend on what may be wrong with them, so no error is kept for them."""
+    loop = Welding(thermal_gain_c_per_kw=1.4)
+    loop.run(5)
+    loop.run(8, HOTTER)
+    covariance = np.array([list(row) for row in loop.controller.library.state.estimator.p])
+    assert abs(covariance[State.COPPER, GAIN]) > 0.0
+    loop.run(5, HOTTER, temperature_c=826.4, held=("thermocouple",))
+    covariance = np.array([list(row) for row in loop.controller.library.state.estimator.p])
+    for held in (GAIN, DELAY):
+        assert covariance[held, held] > 0.0
+        assert not np.delete(covariance[held], held).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kw", [-2.0, 2.0])
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+def test_the_temperature_is_free_of_offset(gain, kw):
+    """Heat that the model lacks comes by and by in a minute, on a process of another gain. While it comes the error is
+    bounded; half a minute later its mean is that of the noise, as long as the drives are inside their limits."""
+    loop = Welding(thermal_gain_c_per_kw=gain)
+    loop.run(20, HOTTER)
+    error, speed = [], []
+    for tick in range(1200):
+        x = list(loop.state.x)
+        heat_kw = kw * min(tick / 600, 1.0)
+        x[COPPER] += 0.1 * heat_kw * gain * P.thermal_gain_c_per_kw / P.copper_lag_s
+        loop.state.x = tuple(x)
+        loop.run(0.1, HOTTER)
+        error.append(loop.shown.temperature_c - HOTTER.temperature_c)
+        speed.append(loop.applied_rpm[-1])
+    assert 300.0 < min(speed) < max(speed) < 500.0
+    assert np.abs(error[300:]).max() < 4.0
+    assert abs(np.mean(error[900:])) < 0.1
 
 
 def test_other_presets_learn_nothing():

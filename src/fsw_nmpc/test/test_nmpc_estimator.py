@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fsw_model import ProcessModel, nominal
+from fsw_model.equations import COPPER
 from fsw_nmpc.tuning import PAPER, EstimatorTuning, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
@@ -148,6 +149,25 @@ def test_a_ramp_of_the_depth_sensor_is_followed(drift_sigmas):
         watch.run(1, offset=(0.1 * tick / 300, 0.0, 0.0))
     rate = watch.x[DEPTH_RATE]
     assert rate == pytest.approx(0.1 / 30.0, rel=0.4) if drift_sigmas else rate < 0.1 / 60.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("heat_sigmas", [0.0, 3.5])
+def test_heat_that_the_model_lacks_is_heat(heat_sigmas):
+    """2 kW less by and by in 50 s: without the test for lasting innovations most of it passes for an offset."""
+    watch = Watch(noise=True, tuning=Tuning(estimator=EstimatorTuning(heat_sigmas=heat_sigmas)))
+    watch.run(300)
+    for tick in range(600):
+        x = list(watch.state.x)
+        x[COPPER] -= 0.1 * min(0.04 * 0.1 * tick, 2.0) * P.thermal_gain_c_per_kw / P.copper_lag_s
+        watch.state.x = tuple(x)
+        told = watch.run(1)
+    if heat_sigmas:
+        assert told.disturbance[HEAT] == pytest.approx(-2.0, abs=0.3)
+        assert abs(told.disturbance[TEMPERATURE]) < 4.0
+    else:
+        assert told.disturbance[HEAT] > -0.5
+        assert told.disturbance[TEMPERATURE] < -8.0
 
 
 @pytest.mark.parametrize("factor", [0.75, 1.3])

@@ -86,9 +86,9 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
-  const double one[9] = {t->tolerance,    t->offset_keep,   t->rate_keep,        t->jump_sigmas,      t->drift_sigmas,
-                         t->blind_limit_s, t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1]};
-  for (int i = 0; i < 9; i++) add(one[i], &sum, &least);
+  const double one[10] = {t->tolerance,    t->offset_keep,   t->rate_keep,        t->jump_sigmas,      t->drift_sigmas,
+                         t->blind_limit_s, t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1], t->heat_sigmas};
+  for (int i = 0; i < 10; i++) add(one[i], &sum, &least);
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {

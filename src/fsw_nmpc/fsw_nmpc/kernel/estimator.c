@@ -32,7 +32,7 @@
 #define LEAST_TORQUE_NM 100.0
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
-#define LASTING_KEEP 0.98 /* likewise for the temperature, about five seconds */
+#define LASTING_KEEP 0.99 /* likewise for the temperature, about ten seconds */
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
@@ -354,7 +354,6 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
   if (t->jump_sigmas > 0.0 && excess > 0.0) {
     for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
     expected = spread(e, row, cross) + noise * noise;
-    if (sensor == TEMPERATURE) e->is_telling = 0; /* what jumps tells no gain */
   }
   double gain[N]; /* with that of a held state at zero, the update is Schmidt's */
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
