@@ -21,7 +21,7 @@ from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIG
 from fsw_scenario.standard_runs import Figures, Job, failed, loop_of, run_all, weld
 
 ADAPTIVE = "nmpc:adaptive"
-#: The same tuning with the model's gain and dead time of the power.
+#: The same tuning with the gain and dead time of the model, and without its test for heat.
 FIXED = "nmpc:adaptive, not adapting"
 RIVALS = (CONSERVATIVE, TIGHT)
 COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)

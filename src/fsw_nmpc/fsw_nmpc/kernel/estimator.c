@@ -13,8 +13,10 @@
  * a second sample would cost every disturbance a tick, and the moves of one tick are too small to do harm.
  *
  * Innovations of the depth that have one sign for a second are a drift: likewise their excess widens the variance of the
- * offset's rate, which is small at rest, so that noise moves the force little. The temperature has no such test: with its
- * dead time, and a gain that is not the model's, the loop would not be stable. */
+ * offset's rate, which is small at rest, so that noise moves the force little. The rate of the temperature's offset has no
+ * such test: with its dead time, and a gain that is not the model's, the loop would not be stable. Where gain and delay of
+ * the power are estimated, innovations of the temperature that keep their sign for ten seconds are heat: it would pass for
+ * an offset of tens of degC before its own random walk has found it, and an offset that leaks is an error that stays. */
 #include <math.h>
 
 #include "internal.h"
@@ -224,7 +226,7 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
-  if (!e->is_telling) /* held: constants of the model until they are estimated again */
+  if (!e->is_telling) /* held: constants of the model, or they would take the innovations that are the heat's */
     for (int i = FSW_THERMAL_GAIN; i <= FSW_DELAY; i++)
       for (int j = 0; j < N; j++)
         if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
@@ -373,13 +375,15 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   e->recent = 0.0;
 }
 
-/* Likewise after an update of the temperature: a heat that the model does not have warms the copper at a rate that the
- * filter corrects at every tick, so innovations keep one sign. */
+/* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
+ * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
+ * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
+  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
-  if (!(t->heat_sigmas > 0.0 && e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
+  if (!(e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
   const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
   const double rate = share * (1.0 - LASTING_KEEP) * e->lasting * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
