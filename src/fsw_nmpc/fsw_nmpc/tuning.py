@@ -273,8 +273,8 @@ def _over(base: dict[str, Any], content: Any) -> Any:
 
 
 #: As default; besides, the output without priority gives way on the way, inside the quality limits, and gain and delay
-#: of the power are estimated, and heat that the model lacks is found. Values chosen on 60 random plants, the last one on
-#: 12 canisters that conduct heat.
+#: of the power are estimated, and heat that the model lacks is found. Values chosen on 60 random plants, the last one
+#: on 12 canisters that conduct heat.
 ADAPTIVE = Tuning(
     yield_depth_mm=0.005,
     temperature_scale_c=0.3,

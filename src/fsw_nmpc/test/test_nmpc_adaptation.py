@@ -122,7 +122,7 @@ def test_while_they_are_held_they_are_constants():
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 def test_the_temperature_is_free_of_offset(gain, kw):
     """Heat that the model lacks comes by and by in a minute, on a process of another gain. While it comes the error is
-    bounded; half a minute later its mean is a fraction of that without `heat_sigmas`, 0.4 to 0.8 degC, inside the limits."""
+    bounded; half a minute later its mean is a fraction of that without `heat_sigmas`, 0.4 to 0.8 degC."""
     loop = Welding(thermal_gain_c_per_kw=gain)
     loop.run(20, HOTTER)
     error, speed = [], []
