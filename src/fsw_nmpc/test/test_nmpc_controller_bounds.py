@@ -182,3 +182,18 @@ def test_while_it_waits_for_sensors_its_command_is_inside_the_bounds():
         proposal = loop.controller.step(blind, TARGET, applied, 0.1)
         assert not proposal.healthy and "waiting" in proposal.reason
         assert Limits().clip(proposal.command, None) == proposal.command
+
+
+@pytest.mark.parametrize("preset", ["default", "adaptive", "paper"])
+@pytest.mark.parametrize("depth_mm", [2.0, 3.4])
+def test_planned_moves_keep_the_rate_limits_to_the_end_of_the_horizon(preset, depth_mm):
+    """Also in the long intervals beyond 5 s; both inputs go from one end of their range to the other in the plan."""
+    loop = Loop(NmpcController({"preset": preset}))
+    lim, beyond = Limits(), 0.0
+    for tick in range(60):
+        plan = loop.step(Reference(depth_mm, 790.0 if tick > 30 else 900.0)).diagnosis.plan
+        ticks = np.diff(plan.time_s) / 0.1
+        forces, speeds = np.abs(np.diff(plan.force_kn)) / ticks, np.abs(np.diff(plan.speed_rpm)) / ticks
+        assert forces.max() <= lim.force_step_kn + 1e-6 and speeds.max() <= lim.speed_step_rpm + 1e-5
+        beyond = max(beyond, speeds[ticks > 1.5].max())
+    assert beyond > 0.0
