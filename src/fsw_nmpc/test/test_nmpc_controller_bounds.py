@@ -196,4 +196,4 @@ def test_planned_moves_keep_the_rate_limits_to_the_end_of_the_horizon(preset, de
         forces, speeds = np.abs(np.diff(plan.force_kn)) / ticks, np.abs(np.diff(plan.speed_rpm)) / ticks
         assert forces.max() <= lim.force_step_kn + 1e-6 and speeds.max() <= lim.speed_step_rpm + 1e-5
         beyond = max(beyond, speeds[ticks > 1.5].max())
-    assert beyond > 0.0
+    assert beyond > 0.1
