@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from fsw.bags import add_bag_command, print_notes, welds_of
+from fsw.bags import bag_argument, print_notes, welds_of
+from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subcommands of ``bag``."""
-    text = "the paper's figures of a weld; several bags are overlaid"
-    plot = add_bag_command(commands, "plot", _run, text, several=True)
-    add_file(plot, "--out", "folder for the PNG files (default: here)", "DIR", default=Path("."))
-    text = "figures 4 to 9 (default: the scenario's)"
-    plot.add_argument("--figures", type=int, nargs="*", choices=range(4, 10), help=text)
-    add_force(plot)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "bag plot",
+    "the paper's figures of a weld; several bags are overlaid",
+    bag_argument(nargs="+"),
+    file("--out", "folder for the PNG files (default: here)", "DIR", default=Path(".")),
+    option("--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"),
+    FORCE,
+)
+def plot(arguments: argparse.Namespace) -> int:
     from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
     welds, folder, numbers = welds_of(arguments.bag), arguments.out, arguments.figures

@@ -9,9 +9,9 @@ from math import isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fsw.command import FORCE, command, file, number, option, repeated
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force, add_number, add_repeated
 from fsw.outputs import check_new, default_folder, new_folder
 from fsw.progress import ProgressBar
 from fsw_schema.files import replacing
@@ -30,35 +30,35 @@ _FINE_K = 1e-5
 _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "canister",
-        help="heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
-        description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
-        "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
-        "table over time and prints the temperatures of each phase.",
-    )
-    parser.add_argument(
-        "bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"
-    )
-    power = "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"
-    add_number(parser, "--power", "KW", Range(0.0, 200.0, "kW"), power)
-    parser.add_argument("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})")
-    add_file(parser, "--canister", "parameters of the canister (YAML) instead of the scenario's")
-    probe = "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]"
-    add_repeated(parser, "--probe", "R,ANGLE,Z", f"{probe}, e.g. 525,90,-50")
-    at = "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)"
-    add_repeated(parser, "--at", "S", at, type=float)
-    add_file(parser, "--csv", "table over time (default out/<date>_canister/heat.csv)")
-    add_file(parser, "--figure", "surface, section and curves in one figure", "FILE.png")
-    add_file(parser, "--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed")
-    add_file(parser, "--vtk", "temperatures of the whole geometry for ParaView", "DIR")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "canister",
+    "heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
+    option("bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"),
+    number("--power", "KW", Range(0.0, 200.0, "kW"), "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"),
+    option("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})"),
+    file("--canister", "parameters of the canister (YAML) instead of the scenario's"),
+    repeated(
+        "--probe",
+        "R,ANGLE,Z",
+        "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm], e.g. "
+        "525,90,-50",
+    ),
+    repeated(
+        "--at",
+        "S",
+        "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)",
+        type=float,
+    ),
+    file("--csv", "table over time (default out/<date>_canister/heat.csv)"),
+    file("--figure", "surface, section and curves in one figure", "FILE.png"),
+    file("--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed"),
+    file("--vtk", "temperatures of the whole geometry for ParaView", "DIR"),
+    FORCE,
+    description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
+    "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
+    "table over time and prints the temperatures of each phase.",
+)
+def canister(arguments: argparse.Namespace) -> int:
     _check(arguments)
     from fsw.canister_weld import programmed, recorded
 

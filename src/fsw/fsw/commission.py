@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from fsw import __version__
+from fsw.command import GRAPH, command, file, number, option, switch
 from fsw.commissioning import (
     STEPS,
     Course,
@@ -31,8 +32,6 @@ from fsw.commissioning import (
 )
 from fsw.console import program
 from fsw.errors import SHOWN, CommandError
-from fsw.operate import add_graph_options
-from fsw.options import add_file, add_number
 from fsw.outputs import new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.tune_command import EVALUATIONS, write_tunings
@@ -54,47 +53,42 @@ _RETURN_S = 30.0
 _TUNINGS = ("conservative", "tight", "smith")
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "commission",
-        help="lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
-        description="Lead through commissioning: "
-        + "; ".join(f"{name}: {step.text}" for name, step in STEPS.items())
-        + ". "
-        "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
-        "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
-    )
-    add_graph_options(parser)
-    add_file(
-        parser,
-        "--out",
-        "folder for bags, model, tunings and report; that of an earlier run goes on",
-        "DIR",
-        required=True,
-    )
-    parser.add_argument(
+@command(
+    "commission",
+    "lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
+    *GRAPH,
+    file("--out", "folder for bags, model, tunings and report; that of an earlier run goes on", "DIR", required=True),
+    option(
         "--controller", choices=("decentral", "nmpc"), default="decentral", help="to be accepted (default %(default)s)"
-    )
-    parser.add_argument("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)")
-    experiment = (
-        f"steps of set-points, shipped or a YAML file, e.g. from {program()} identify --design (default %(default)s)"
-    )
-    parser.add_argument("--experiment", metavar="SCENARIO", default="identify_closed_loop", help=experiment)
-    test = "that of the last step (default %(default)s)"
-    parser.add_argument("--acceptance", metavar="SCENARIO", default="acceptance", help=test)
-    text = "of the search, per tuning (default %(default)s: some minutes)"
-    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
-    add_number(
-        parser, "--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1
-    )
-    parser.add_argument(
-        "--yes", action="store_true", help="yes to every step, for scripts; leaves after one that fails"
-    )
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+    ),
+    option("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)"),
+    option(
+        "--experiment",
+        metavar="SCENARIO",
+        default="identify_closed_loop",
+        help="steps of set-points, shipped or a YAML file, e.g. from fsw.py identify --design (default %(default)s)",
+    ),
+    option(
+        "--acceptance",
+        metavar="SCENARIO",
+        default="acceptance",
+        help="that of the last step (default %(default)s)",
+    ),
+    number(
+        "--evaluations",
+        "N",
+        Range(1, 1_000_000, ""),
+        "of the search, per tuning (default %(default)s: some minutes)",
+        EVALUATIONS,
+        int,
+    ),
+    number("--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1),
+    switch("--yes", "yes to every step, for scripts; leaves after one that fails"),
+    description=f"Lead through commissioning: {'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
+    "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
+    "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
+)
+def commission(arguments: argparse.Namespace) -> int:
     from fsw_scenario.scenario_file import load
 
     for one in (arguments.experiment, arguments.acceptance):  # what is wrong in them is said before anything is done

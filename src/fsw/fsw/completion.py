@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from fsw.command import command, option
 from fsw.errors import CommandError
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "print the script by which a shell completes commands and options of fsw"
-    parser = commands.add_parser("completion", help=text, description=f"completion: {text}.")
-    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="for which shell")
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "completion",
+    "print the script by which a shell completes commands and options of fsw",
+    option("shell", choices=("bash", "zsh", "tcsh"), help="for which shell"),
+)
+def completion(arguments: argparse.Namespace) -> int:
     try:
         import shtab
     except ImportError:

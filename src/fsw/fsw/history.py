@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from fsw.bags import DAMAGED_TOO, read_weld
+from fsw.command import FORCE, command, file, group, option
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
@@ -26,37 +26,11 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_schema.models import InputError
 
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "history of welds: add one, report on all, show what changed between two"
-    history = commands.add_parser("history", help=text, description=f"{text.capitalize()}.")
-    kinds = history.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    one = kinds.add_parser(
-        "add",
-        help="add recorded welds",
-        description="Run the monitor over bags and add a row for each to the history in a folder.",
-    )
-    one.add_argument("folder", type=Path, metavar="DIR", help="folder of the history, made if need be")
-    one.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
-    one.add_argument("--record", type=Path, help="record.json of the weld, for its verdict; with one bag")
-    one.set_defaults(run=_add)
-    one = kinds.add_parser(
-        "report",
-        help="report with control charts and the tools' lives",
-        description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
-    )
-    one.add_argument("folder", type=Path, metavar="DIR")
-    add_file(one, "--out", "HTML file (default DIR/report.html)")
-    add_force(one)
-    one.set_defaults(run=_report)
-    one = kinds.add_parser(
-        "diff", help="what changed between two welds", description="Tell what changed between two welds of a history."
-    )
-    one.add_argument("folder", type=Path, metavar="DIR")
-    one.add_argument("first", metavar="A", help="name of a weld in the history")
-    one.add_argument("second", metavar="B")
-    one.set_defaults(run=_diff)
+HISTORY = group(
+    "history",
+    "history of welds: add one, report on all, show what changed between two",
+    "History of welds: add one, report on all, show what changed between two.",
+)
 
 
 def _history() -> Any:
@@ -81,7 +55,15 @@ def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     return verdict
 
 
-def _add(arguments: argparse.Namespace) -> int:
+@command(
+    "history add",
+    "add recorded welds",
+    option("folder", type=Path, metavar="DIR", help="folder of the history, made if need be"),
+    option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
+    option("--record", type=Path, help="record.json of the weld, for its verdict; with one bag"),
+    description="Run the monitor over bags and add a row for each to the history in a folder.",
+)
+def add(arguments: argparse.Namespace) -> int:
     history = _history()
     if arguments.record and len(arguments.bag) > 1:
         raise CommandError("history add: --record is of one weld; give one bag")
@@ -99,7 +81,15 @@ def _add(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _report(arguments: argparse.Namespace) -> int:
+@command(
+    "history report",
+    "report with control charts and the tools' lives",
+    option("folder", type=Path, metavar="DIR"),
+    file("--out", "HTML file (default DIR/report.html)"),
+    FORCE,
+    description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
+)
+def report(arguments: argparse.Namespace) -> int:
     history = _history()
     from fsw_quality import history_report
 
@@ -118,7 +108,15 @@ def _report(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _diff(arguments: argparse.Namespace) -> int:
+@command(
+    "history diff",
+    "what changed between two welds",
+    option("folder", type=Path, metavar="DIR"),
+    option("first", metavar="A", help="name of a weld in the history"),
+    option("second", metavar="B"),
+    description="Tell what changed between two welds of a history.",
+)
+def diff(arguments: argparse.Namespace) -> int:
     history = _history()
     try:
         found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)

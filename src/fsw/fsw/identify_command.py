@@ -6,11 +6,11 @@ import argparse
 import sys
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from fsw.command import FORCE, command, file, number, option, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force, add_number
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
@@ -25,36 +25,35 @@ if TYPE_CHECKING:
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
+_LAG = specs()["actuators.lag_s"]
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "identify",
-        help="model parameters of a process from bags of its welds; proposes an experiment",
-        description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
-        "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
-        "experiment instead.",
-    )
-    parser.add_argument("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all")
-    add_file(parser, "--out", "model file (YAML); with --design the scenario")
-    add_file(parser, "--validate", "weld to validate the model, not used for the estimate", "BAG")
-    add_file(parser, "--air", "run in air at several speeds, to identify the friction (23)", "BAG")
-    add_file(parser, "--report", "write report.html and report.png into this folder", "DIR")
-    add_file(parser, "--model", "model to start from (default: the paper's)")
-    lag, text = specs()["actuators.lag_s"], "time constant of the drives (default %(default)s s, the emulator's)"
-    add_number(parser, "--drive-lag", "S", Range(*(lag.range or (0.0, inf)), "s"), text, lag.default)
-    steady = "take disturbances as constant: without drifts and shifts all that is slow is the process's"
-    parser.add_argument("--steady", action="store_true", help=steady)
-    parser.add_argument("--design", action="store_true", help="propose an experiment and print the accuracy to expect")
-    text = f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"
-    add_number(parser, "--duration", "S", _EXPERIMENT_S, text)
-    parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "identify",
+    "model parameters of a process from bags of its welds; proposes an experiment",
+    option("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all"),
+    file("--out", "model file (YAML); with --design the scenario"),
+    file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
+    file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
+    file("--report", "write report.html and report.png into this folder", "DIR"),
+    file("--model", "model to start from (default: the paper's)"),
+    number(
+        "--drive-lag",
+        "S",
+        Range(*(_LAG.range or (0.0, inf)), "s"),
+        "time constant of the drives (default %(default)s s, the emulator's)",
+        _LAG.default,
+    ),
+    switch("--steady", "take disturbances as constant: without drifts and shifts all that is slow is the process's"),
+    switch("--design", "propose an experiment and print the accuracy to expect"),
+    number("--duration", "S", _EXPERIMENT_S, f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"),
+    switch("--open-loop", "propose steps of force and speed, without controller"),
+    FORCE,
+    description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
+    "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
+    "experiment instead.",
+)
+def identify(arguments: argparse.Namespace) -> int:
     if arguments.design:
         return _design(arguments)
     if arguments.duration is not None or arguments.open_loop:

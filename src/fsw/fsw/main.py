@@ -8,45 +8,17 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from fsw import __version__
+from fsw.command import Command, as_typed
 from fsw.console import program
 from fsw.errors import exit_code
 
-#: modules of the commands for a running weld, in the order of the help
-RUNNING = (
-    "status",
-    "reference",
-    "disturb",
-    "fault",
-    "switch",
-    "controllers",
-    "mode",
-    "acknowledge",
-    "weld",
-    "params",
-    "lifecycle",
-    "hmi",
+#: modules that declare commands, in the order of the help
+_MODULES = (
+    *("graph", "hmi", "simulate_command", "campaign_command", "model_command", "canister", "export_command"),
+    *("identify_command", "tune_command", "commission", "procedure", "record_command", "monitor", "history"),
+    *("demo", "node", "completion", "bags", "bag_info", "bag_recover", "bag_kpi", "bag_plot", "bag_export"),
+    *("bag_replay", "bag_evidence"),
 )
-_COMMANDS = (
-    *(
-        *RUNNING,
-        "simulate",
-        "campaign",
-        "model",
-        "canister",
-        "export",
-        "identify",
-        "tune",
-        "commission",
-        "procedure",
-        "record",
-    ),
-    *("monitor", "history", "demo", "node", "completion"),
-)
-#: modules of the commands whose name is that of a function of the package
-_MODULES = {
-    name: f"{name}_command" for name in ("simulate", "campaign", "model", "export", "identify", "tune", "record")
-}
-_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 
 def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
@@ -57,14 +29,25 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. '%(prog)s COMMAND --help' lists the ranges.",
     )
     whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
-    commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in _COMMANDS:
-        import_module(f"fsw.{_MODULES.get(name, name)}").add_command(commands)
-    bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
-    bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in _BAG_COMMANDS:
-        import_module(f"fsw.bag_{name.replace('-', '_')}").add_command(bag_commands)
+    places = {"": _places(whole)}
+    for module in _MODULES:
+        for one in vars(import_module(f"fsw.{module}")).values():
+            if isinstance(one, Command):
+                before, _, last = one.name.rpartition(" ")
+                description = as_typed(one.description)
+                added = places[before].add_parser(
+                    last, help=as_typed(one.text), description=description, usage=one.usage
+                )
+                if one.run is None:
+                    places[one.name] = _places(added)
+                for add in one.options:
+                    add(added)
+                added.set_defaults(run=one.run, verb=last)
     return whole
+
+
+def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
+    return parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

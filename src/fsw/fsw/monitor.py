@@ -6,14 +6,13 @@ import argparse
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from fsw.bags import DAMAGED_TOO, read_weld
+from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new, write_json
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
@@ -23,23 +22,18 @@ from fsw_quality.monitor_run import Watched, watch
 from fsw_quality.process_of_weld import process_of
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "monitor",
-        help="warnings of the monitor on a recorded weld: cause, confidence, advice",
-        description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
-    )
-    parser.add_argument("bag", type=Path, help=DAMAGED_TOO)
-    parser.add_argument("--process", choices=PROCESSES, help="whose limits hold (default: that of the bag's scenario)")
-    add_file(parser, "--model", "YAML file of the model's parameters (default: the paper's)")
-    add_file(parser, "--figure", "PNG file of residuals, figures and alarms")
-    add_file(parser, "--json", "write alarms, gains and largest figures as JSON")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "monitor",
+    "warnings of the monitor on a recorded weld: cause, confidence, advice",
+    option("bag", type=Path, help=DAMAGED_TOO),
+    option("--process", choices=PROCESSES, help="whose limits hold (default: that of the bag's scenario)"),
+    file("--model", "YAML file of the model's parameters (default: the paper's)"),
+    file("--figure", "PNG file of residuals, figures and alarms"),
+    file("--json", "write alarms, gains and largest figures as JSON"),
+    FORCE,
+    description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
+)
+def monitor(arguments: argparse.Namespace) -> int:
     check_new([arguments.figure, arguments.json], arguments.force)
     signals = read_weld(arguments.bag)
     process = arguments.process or process_of(signals)

@@ -11,9 +11,8 @@ import numpy as np
 import yaml
 
 from fsw.bags import print_notes
-from fsw.console import program
+from fsw.command import command, file, option, repeated, switch
 from fsw.errors import CommandError
-from fsw.options import add_file, add_repeated
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
@@ -39,42 +38,47 @@ if TYPE_CHECKING:
     from fsw_analysis.figures import Run
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "simulate",
-        help="run a scenario offline; writes signals, figures of merit and figures",
-        description="Run a scenario in this process, without middleware: plant emulator and controllers at full speed.",
-    )
-    parser.add_argument("scenario", nargs="?", help=f"YAML file, or one of {', '.join(shipped())}")
-    parser.add_argument(
+@command(
+    "simulate",
+    "run a scenario offline; writes signals, figures of merit and figures",
+    option("scenario", nargs="?", help=f"YAML file, or one of {', '.join(shipped())}"),
+    option(
         "--controller",
         action="append",
         metavar="NAME[:TUNING]",
         help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; your "
         "own: MODULE:CLASS or FILE.py:CLASS",
-    )
-    text = "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
-    add_repeated(parser, "--parameter", "CONTROLLER.NAME=VALUE", text)
-    text = f"parameters of controllers' nodes, in ROS's format, e.g. from {program()} tune"
-    add_repeated(parser, "--params-file", "FILE", text, type=Path)
-    parser.add_argument("--no-noise", action="store_true", help="no sensor noise, no quantisation")
-    text = "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"
-    add_repeated(parser, "--set", "KEY=VALUE", text)
-    add_file(parser, "--out", "folder for the results (default out/<date>_<scenario>)", "DIR")
-    parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
-    text = "with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the bag"
-    parser.add_argument(
-        "--procedure", metavar="PROCEDURE", default="", help=f"{text}; one of {', '.join(procedures())}"
-    )
-    text = f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}"
-    add_repeated(parser, "--identity", "KEY=VALUE", text)
-    parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
-    parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+    ),
+    repeated(
+        "--parameter", "CONTROLLER.NAME=VALUE", "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
+    ),
+    repeated(
+        "--params-file",
+        "FILE",
+        "parameters of controllers' nodes, in ROS's format, e.g. from fsw.py tune",
+        type=Path,
+    ),
+    switch("--no-noise", "no sensor noise, no quantisation"),
+    repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"),
+    file("--out", "folder for the results (default out/<date>_<scenario>)", "DIR"),
+    switch("--bag", "also run the weld in the graph, in lockstep, and record it"),
+    option(
+        "--procedure",
+        metavar="PROCEDURE",
+        default="",
+        help="with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the "
+        f"bag; one of {', '.join(procedures())}",
+    ),
+    repeated(
+        "--identity",
+        "KEY=VALUE",
+        f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}",
+    ),
+    switch("--no-figures", "figures of merit only"),
+    switch("--list", "list the shipped scenarios and exit"),
+    description="Run a scenario in this process, without middleware: plant emulator and controllers at full speed.",
+)
+def simulate(arguments: argparse.Namespace) -> int:
     if arguments.list:
         for name in shipped():
             print(f"{name:<24} {' '.join(load(name).description.split())}")
@@ -212,8 +216,8 @@ def run_graph(graph: WeldGraph, title: str) -> None:
 def _parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Parameters by controller, from files and options."""
     parameters: dict[str, dict[str, Any]] = {}
-    for file in arguments.params_file:
-        parameters.update(_parameters_in(file))
+    for source in arguments.params_file:
+        parameters.update(_parameters_in(source))
     for text in arguments.parameter:
         key, value = assignment("--parameter", text)
         controller, _, name = key.partition(".")

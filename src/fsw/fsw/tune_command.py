@@ -11,8 +11,7 @@ from typing import Any
 import yaml
 
 import fsw
-from fsw.console import program
-from fsw.options import add_file, add_number
+from fsw.command import command, file, number, switch
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
@@ -30,26 +29,25 @@ _SWEEP: dict[str, dict[str, float]] = {
 EVALUATIONS = 3000
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "tune",
-        help="tunings of both controllers for a model",
-        description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
-        "rule, plot their performance on processes that differ from the model, and write parameter files for the "
-        "controllers' nodes.",
-    )
-    add_file(parser, "--model", f"model file, e.g. from {program()} identify", required=True)
-    add_file(parser, "--out", "folder for the files", "DIR", required=True)
-    text = "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)"
-    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
-    parser.add_argument(
-        "--no-sweep", action="store_true", help="without the figure of processes that differ from the model"
-    )
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "tune",
+    "tunings of both controllers for a model",
+    file("--model", "model file, e.g. from fsw.py identify", required=True),
+    file("--out", "folder for the files", "DIR", required=True),
+    number(
+        "--evaluations",
+        "N",
+        Range(1, 1_000_000, ""),
+        "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)",
+        EVALUATIONS,
+        int,
+    ),
+    switch("--no-sweep", "without the figure of processes that differ from the model"),
+    description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
+    "rule, plot their performance on processes that differ from the model, and write parameter files for the "
+    "controllers' nodes.",
+)
+def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
     own = write_tunings(arguments.model, folder, arguments.evaluations)
