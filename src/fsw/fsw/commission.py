@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+import fsw
 from fsw import __version__
 from fsw.command import GRAPH, command, file, number, option, switch
 from fsw.commissioning import (
@@ -170,13 +171,12 @@ class Work:
 
     def identify(self) -> Outcome:
         """Fit the model to the last experiment."""
-        from fsw.processes import fit
+        from fsw.welds import Weld
         from fsw_identification import report, summary
-        from fsw_identification.weld_data import prepare
 
         bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
         with ProgressBar("identifying") as bar:
-            found = fit([prepare(_signals(bag), lag_s)], None, None, ModelParameters(), lag_s, False, bar)
+            found = fsw.identify(Weld(bag.name, _signals(bag)), drive_lag_s=lag_s, progress=bar)
         write_text(self._model, self._origin(bag) + found.text)
         (self._folder / "identification").mkdir(exist_ok=True)
         report.write(found, self._folder / "identification")
@@ -213,7 +213,6 @@ class Work:
     def accept(self) -> Outcome:
         """Weld the acceptance test, and compare it with the weld that the model predicts."""
         from fsw.commission_ros import weld as weld_it
-        from fsw.welds import simulate
         from fsw_analysis.kpi import compute
 
         scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
@@ -221,7 +220,7 @@ class Work:
         file = self._folder / "acceptance.yaml"
         write_text(file, scenario.text)
         plant = {"model_file": str(self._model)}
-        predicted = simulate(file, name, plant=plant, parameters=self._parameters()).signals
+        predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
         found = _cut(_signals(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
         rows = accept_rows(measured, usual, found.command_source, name)

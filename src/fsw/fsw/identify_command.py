@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import fsw
 from fsw.command import FORCE, command, file, number, option, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
-from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.signals import load_weld
-from fsw_identification.weld_data import WeldData, prepare
+from fsw.welds import Weld
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw.processes import Identified
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
@@ -68,7 +62,19 @@ def identify(arguments: argparse.Namespace) -> int:
         new_folder(arguments.report, "", "--report")
     from fsw_identification import summary
 
-    result = _identify(arguments)
+    welds = [_weld(bag) for bag in arguments.bag]
+    validate, air = (None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air))
+    start, lag_s = _model(arguments.model), arguments.drive_lag
+    with ProgressBar("identifying") as bar:
+        result = fsw.identify(
+            *welds,
+            validate=validate,
+            air=air,
+            start=start,
+            drive_lag_s=lag_s,
+            steady=arguments.steady,
+            progress=bar,
+        )
     for rows in (summary.parameter_rows(result), summary.output_rows(result)):
         print_table(rows[1:], rows[0], words=1)
         print()
@@ -81,21 +87,6 @@ def identify(arguments: argparse.Namespace) -> int:
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
     return 0
-
-
-def _identify(arguments: argparse.Namespace) -> Identified:
-    from fsw.processes import fit
-    from fsw.welds import Weld
-
-    start = _model(arguments.model)
-    air = None if arguments.air is None else Weld("air", load_weld(arguments.air))
-    welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
-    checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag)
-    for weld in welds:
-        for note in weld.notes:  # now, too, because the fit takes a while
-            print(f"{weld.name}: {note}", file=sys.stderr)
-    with ProgressBar("identifying") as bar:
-        return fit(welds, checked, air, start, arguments.drive_lag, arguments.steady, bar)
 
 
 def _design(arguments: argparse.Namespace) -> int:
@@ -130,6 +121,6 @@ def _model(file: Path | None) -> ModelParameters:
     return ModelParameters() if file is None else ModelParameters.from_file(file)
 
 
-def _data(bag: Path, drive_lag_s: float) -> WeldData:
+def _weld(bag: Path) -> Weld:
     with ProgressBar(f"reading {bag.name}") as bar:
-        return prepare(cut_to_scenario(load_weld(bag, bar)), drive_lag_s)
+        return fsw.read_bag(bag, progress=bar)
