@@ -9,7 +9,7 @@ from pathlib import Path
 from fsw.bags import bag_argument, print_notes
 from fsw.command import FORCE, command, file, option, repeated
 from fsw.errors import CommandError
-from fsw.keys import PRIVATE_KEY, private_key
+from fsw.keys import PRIVATE_KEY, private_key, public_keys
 from fsw.outputs import check_new, write_json
 from fsw_quality.attestation import Attestation, Chain, attest, read_chain, verify_bag
 from fsw_quality.procedure import load, shipped
@@ -60,14 +60,7 @@ def attested(arguments: argparse.Namespace) -> int:
     bag_argument("folder of an attested bag; none: only the chain", "*"),
     file("--chain", "folder of the chain of welds; left out: it is not checked", "DIR"),
     repeated("--with", "FILE", "check this file, too, which was attested with the bag", type=Path, dest="documents"),
-    option(
-        "--key",
-        type=Path,
-        action="append",
-        metavar="FILE.pub",
-        default=[],
-        help="public key of a trusted signer; may be repeated (default: that of 'fsw.py bag keygen')",
-    ),
+    public_keys("public key of a trusted signer (default: that of 'fsw.py bag keygen')"),
     file("--json", "also write what was found"),
     FORCE,
     description="Check signatures, manifests and files of bags, and the chain of welds. Exit code 0: all is proven; "

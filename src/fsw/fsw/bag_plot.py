@@ -7,7 +7,6 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes, welds_of
 from fsw.command import FORCE, command, file, option
-from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
@@ -33,10 +32,7 @@ def plot(arguments: argparse.Namespace) -> int:
             print_notes([str(error)])
     names = (*(f"fig{one}" for one in numbers or ()), "overview")
     check_new([folder / f"{name}.png" for name in names], arguments.force)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
-    except OSError as error:
-        raise CommandError(f"cannot write figures into {folder}: {error.strerror}") from None
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
     print("\n".join(map(str, paths)))
     return 0

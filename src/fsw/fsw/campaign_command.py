@@ -40,13 +40,9 @@ _ONLY_RUN, _ONLY_REPORT = ("welds", "workers", "scheduler", "resume"), ("folder"
     "'report', write a report on the welds in such a folder.",
     usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
     "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
+    needs=("distributed", "pyarrow"),
 )
 def campaign(arguments: argparse.Namespace) -> int:
-    try:
-        import distributed  # noqa: F401
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise CommandError(f"campaign: {error.name} is missing: pip install distributed pyarrow") from None
     report = arguments.file == _REPORT
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fsw.command import FORCE, command, file, number, option, repeated
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import check_new, default_folder, new_folder
+from fsw.outputs import check_new, default_folder, new_folder, write_whole
 from fsw.progress import ProgressBar
-from fsw_schema.files import replacing
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
 
@@ -167,8 +166,7 @@ def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -
         "tool_axial_mm": course.axial_mm[at],
     }
     columns |= {f"probe {one.text} [degC]": values[1:] for one, values in probes.items()}
-    table.parent.mkdir(parents=True, exist_ok=True)
-    write_table(columns, table)
+    write_whole(table, lambda part: write_table(columns, part))
 
 
 def _pictures(
@@ -186,11 +184,11 @@ def _pictures(
         named = {one.words: values for one, values in probes.items()}
         picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
-            _in_place(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
+            write_whole(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
             words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
         if arguments.film is not None:
             with ProgressBar("film") as bar:
-                _in_place(arguments.film, lambda part: film_heat(picture, part, bar))
+                write_whole(arguments.film, lambda part: film_heat(picture, part, bar))
             words.append(f"{arguments.film}: film of {FILM_FRAMES / FILM_FPS:.0f} s")
     if arguments.vtk is not None:
         from fsw_canister.vtk import write_vtk
@@ -198,13 +196,6 @@ def _pictures(
         files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
     return words
-
-
-def _in_place(file: Path, write: Callable[[Path], None]) -> None:
-    """Write a file that is there only when it is whole."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as part:
-        write(part)
 
 
 def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:

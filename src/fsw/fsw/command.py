@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from fsw.console import program
+from fsw.errors import CommandError
 from fsw_schema.ranges import Range
 
 Run = Callable[[argparse.Namespace], int]
@@ -26,17 +28,30 @@ class Command:
     options: Sequence[Option] = ()
     run: Run | None = None
     usage: str | None = None
+    needs: Sequence[str] = ()  #: modules of the extra that has the name of the first word
 
     def __call__(self, arguments: argparse.Namespace) -> int:
-        """Carry it out."""
+        """Carry it out; CommandError when a module of its extra is missing."""
+        extra = self.name.split()[0]
+        for module in self.needs:
+            try:
+                import_module(module)
+            except ImportError:
+                install = f"pip install 'fsw-control[{extra}]'"
+                raise CommandError(f"{extra}: {module} is missing: {install}") from None
         return self.run(arguments) if self.run else 2
 
 
 def command(
-    name: str, text: str, *options: Option, description: str = "", usage: str | None = None
+    name: str,
+    text: str,
+    *options: Option,
+    description: str = "",
+    usage: str | None = None,
+    needs: Sequence[str] = (),
 ) -> Callable[[Run], Command]:
     """Make a function that returns the exit code a command; texts call the command line ``fsw.py``."""
-    return lambda run: Command(name, text, description or _sentence(name, text), options, run, usage)
+    return lambda run: Command(name, text, description or _sentence(name, text), options, run, usage, needs)
 
 
 def group(name: str, text: str, description: str = "") -> Command:

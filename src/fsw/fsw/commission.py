@@ -16,6 +16,7 @@ import yaml
 
 import fsw
 from fsw import __version__
+from fsw.bags import read_weld
 from fsw.command import GRAPH, command, file, number, option, switch
 from fsw.commissioning import (
     STEPS,
@@ -176,7 +177,7 @@ class Work:
 
         bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
         with ProgressBar("identifying") as bar:
-            found = fsw.identify(Weld(bag.name, _signals(bag)), drive_lag_s=lag_s, progress=bar)
+            found = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
         write_text(self._model, self._origin(bag) + found.text)
         (self._folder / "identification").mkdir(exist_ok=True)
         report.write(found, self._folder / "identification")
@@ -221,7 +222,7 @@ class Work:
         write_text(file, scenario.text)
         plant = {"model_file": str(self._model)}
         predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
-        found = _cut(_signals(bag), scenario)
+        found = _cut(read_weld(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
         rows = accept_rows(measured, usual, found.command_source, name)
         return outcome_of(rows, _now(), f"recorded to {bag.name}")
@@ -269,13 +270,6 @@ class Work:
 
 def _now() -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S %Z")
-
-
-def _signals(bag: Path) -> WeldSignals:
-    from fsw_analysis.signals import load_weld
-
-    with ProgressBar(f"reading {bag.name}") as bar:
-        return load_weld(bag, bar)
 
 
 def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:

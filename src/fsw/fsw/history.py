@@ -7,13 +7,10 @@ import json
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, group, option
+from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
@@ -24,7 +21,6 @@ from fsw_quality.process_of_weld import process_of
 from fsw_quality.record import data_files, files_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_schema.models import InputError
 
 HISTORY = group(
     "history",
@@ -33,21 +29,11 @@ HISTORY = group(
 )
 
 
-def _history() -> Any:
-    try:
-        from fsw_quality import history
-    except ImportError as error:
-        raise CommandError(f"history: {error.name or error} is missing: pip install pyarrow") from None
-    return history
-
-
 def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
         verdict = str(record["verdict"])
         judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
-    except OSError as error:
-        raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
         raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
     if judged and not judged & set(files):
@@ -62,9 +48,11 @@ def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
     option("--record", type=Path, help="record.json of the weld, for its verdict; with one bag"),
     description="Run the monitor over bags and add a row for each to the history in a folder.",
+    needs=("pyarrow",),
 )
 def add(arguments: argparse.Namespace) -> int:
-    history = _history()
+    from fsw_quality import history  # of the extra
+
     if arguments.record and len(arguments.bag) > 1:
         raise CommandError("history add: --record is of one weld; give one bag")
     rows = []
@@ -88,18 +76,15 @@ def add(arguments: argparse.Namespace) -> int:
     file("--out", "HTML file (default DIR/report.html)"),
     FORCE,
     description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
+    needs=("pyarrow",),
 )
 def report(arguments: argparse.Namespace) -> int:
-    history = _history()
-    from fsw_quality import history_report
+    from fsw_quality import history, history_report  # of the extra
 
     target = arguments.out or arguments.folder / "report.html"
     check_new([target], arguments.force)
     table = history.load(arguments.folder)
-    try:
-        said = history_report.write(table, target, f"History {arguments.folder.name}")
-    except OSError as error:
-        raise CommandError(f"cannot write {target}: {error.strerror}") from None
+    said = history_report.write(table, target, f"History {arguments.folder.name}")
     for weld, text in said[-20:]:
         print(f"{weld}: {text}")
     for one in history_report.tools(table):
@@ -115,18 +100,15 @@ def report(arguments: argparse.Namespace) -> int:
     option("first", metavar="A", help="name of a weld in the history"),
     option("second", metavar="B"),
     description="Tell what changed between two welds of a history.",
+    needs=("pyarrow",),
 )
 def diff(arguments: argparse.Namespace) -> int:
-    history = _history()
-    try:
-        found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
-    except InputError as error:
-        raise CommandError(str(error)) from None
+    from fsw_quality import history  # of the extra
+
+    found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
     if not found:
         print("nothing: the same texts, and no number differs by more than three standard deviations")
         return 0
-    table = Table("what", arguments.first, arguments.second, "σ")
-    for what, before, after, size in found:
-        table.add_row(what, before, after, f"{size:+.1f}" if isfinite(size) else "")
-    Console().print(table)
+    rows = [(what, before, after, f"{size:+.1f}" if isfinite(size) else "") for what, before, after, size in found]
+    print_table(rows, ("what", arguments.first, arguments.second, "σ"))
     return 0

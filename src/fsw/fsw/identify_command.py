@@ -7,12 +7,14 @@ from math import inf
 from pathlib import Path
 
 import fsw
+from fsw.bags import read_weld
 from fsw.command import FORCE, command, file, number, option, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.welds import Weld
+from fsw_analysis.changes import cut_to_scenario
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
 from fsw_schema.ranges import Range
@@ -122,5 +124,4 @@ def _model(file: Path | None) -> ModelParameters:
 
 
 def _weld(bag: Path) -> Weld:
-    with ProgressBar(f"reading {bag.name}") as bar:
-        return fsw.read_bag(bag, progress=bar)
+    return Weld(bag.name, cut_to_scenario(read_weld(bag)))

@@ -42,7 +42,7 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
                     places[one.name] = _places(added)
                 for add in one.options:
                     add(added)
-                added.set_defaults(run=one.run, verb=last)
+                added.set_defaults(run=one, verb=last)
     return whole
 
 
@@ -53,7 +53,7 @@ def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argpa
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
     parsed = parser(program()).parse_args(arguments)
-    return exit_code(lambda: int(parsed.run(parsed)))
+    return exit_code(lambda: parsed.run(parsed))
 
 
 if __name__ == "__main__":

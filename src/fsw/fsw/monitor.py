@@ -7,13 +7,11 @@ from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option
+from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import check_new, write_json
+from fsw.outputs import check_new, write_json, write_whole
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 from fsw_quality.diagnosis import load_limits
@@ -46,11 +44,8 @@ def monitor(arguments: argparse.Namespace) -> int:
     if arguments.figure is not None:
         from fsw_quality.monitor_figure import draw  # matplotlib takes a second to import
 
-        try:
-            arguments.figure.parent.mkdir(parents=True, exist_ok=True)
-            draw(watched, load_limits()[process], f"{arguments.bag} ({process})", arguments.figure)
-        except OSError as error:
-            raise CommandError(f"cannot write {arguments.figure}: {error.strerror}") from None
+        limits, title = load_limits()[process], f"{arguments.bag} ({process})"
+        write_whole(arguments.figure, lambda part: draw(watched, limits, title, part))
         print(f"written: {arguments.figure}")
     write_json(
         arguments.json,
@@ -68,15 +63,11 @@ def monitor(arguments: argparse.Namespace) -> int:
 
 
 def _print(watched: Watched, process: str) -> None:
-    console = Console()
+    print(f"{'alarms' if watched.alarms else 'no alarm'}, limits of process {process}")
     if watched.alarms:
-        table = Table("from [s]", "to [s]", "sure", "cause", "advice", title=f"alarms, limits of process {process}")
-        for one in watched.alarms:
-            told = one.finding
-            table.add_row(f"{one.begin_s:.0f}", f"{one.end_s:.0f}", f"{told.confidence:.0%}", told.cause, told.advice)
-        console.print(table)
-    else:
-        print(f"no alarm, limits of process {process}")
+        found = [(one, one.finding) for one in watched.alarms]
+        rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f"{f.confidence:.0%}", f.cause, f.advice) for a, f in found]
+        print_table(rows, ("from [s]", "to [s]", "sure", "cause", "advice"))
     for name, (gain, error) in watched.gains.items():
         interval = f" ± {2.0 * error:.1%}" if isfinite(error) else ""
         print(f"gain of {name}: {gain:.1%}{interval} of the model's")

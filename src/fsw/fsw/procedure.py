@@ -8,7 +8,7 @@ from pathlib import Path
 from fsw.command import FORCE, command, group, option
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.keys import PRIVATE_KEY, private_key
+from fsw.keys import PRIVATE_KEY, private_key, public_keys
 from fsw.outputs import check_new, write_text
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
@@ -29,14 +29,7 @@ _NAME = f"YAML file, or one of {', '.join(shipped())}"
     "procedure check",
     "whether a procedure can be used; prints its identity and hash",
     option("procedure", help=_NAME),
-    option(
-        "--key",
-        type=Path,
-        action="append",
-        metavar="FILE.pub",
-        default=[],
-        help="public key by which it must be signed; may be repeated (default: a signature is optional)",
-    ),
+    public_keys("public key by which it must be signed (default: a signature is optional)"),
 )
 def check(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)

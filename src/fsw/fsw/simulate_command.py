@@ -232,8 +232,6 @@ def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
     try:
         content = load_yaml(file.read_text(encoding="utf-8"))
         return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
-    except OSError as error:
-        raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
         raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None
 
