@@ -8,6 +8,7 @@ from pathlib import Path
 from fsw.bags import bag_argument, print_notes, welds_of
 from fsw.command import FORCE, command, file, option
 from fsw.outputs import check_new
+from fsw_analysis.figures import Run, draw
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
 
@@ -21,8 +22,6 @@ from fsw_schema.models import InputError
     FORCE,
 )
 def plot(arguments: argparse.Namespace) -> int:
-    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
-
     welds, folder, numbers = welds_of(arguments.bag), arguments.out, arguments.figures
     text = next(iter(welds.values())).attachments.get("scenario.yaml")
     if numbers is None and text:

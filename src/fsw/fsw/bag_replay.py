@@ -6,10 +6,9 @@ import argparse
 from math import inf
 
 from fsw.bags import bag_argument, print_notes, read_messages
-from fsw.command import FORCE, command, file, number, option, repeated
+from fsw.command import FORCE, assignment, command, file, number, option, repeated
 from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json
-from fsw.simulate_command import assignment
 from fsw_analysis.replay import replay
 from fsw_analysis.shadow import write_shadow
 from fsw_plant.event_schema import DURATION_S

@@ -7,19 +7,25 @@ import time
 from collections.abc import Sequence
 from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from fsw.canister_weld import CanisterWeld, programmed, recorded
 from fsw.command import FORCE, command, file, number, option, repeated
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, default_folder, new_folder, write_whole
 from fsw.progress import ProgressBar
+from fsw_analysis import heat_figures
+from fsw_analysis.export import write_table
+from fsw_canister import load_or_reduce
+from fsw_canister.elements import elements_of
+from fsw_canister.history import HeatHistory, heat_history
+from fsw_canister.vtk import write_vtk
+from fsw_model import STEP_S
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw.canister_weld import CanisterWeld
-    from fsw_canister.history import HeatHistory
 
 _SCENARIO = "canister_weld_heat"
 #: moments that are shown where none is given, as shares of these phases; of the whole where there are none of them
@@ -59,8 +65,6 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 )
 def canister(arguments: argparse.Namespace) -> int:
     _check(arguments)
-    from fsw.canister_weld import programmed, recorded
-
     if arguments.bag is not None:
         weld = recorded(arguments.bag)
     else:
@@ -88,9 +92,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.film is not None:
         if arguments.film.suffix.lower() not in (".gif", ".mp4"):
             raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")
-        from fsw_analysis.heat_figures import can_film
-
-        if not can_film(arguments.film):
+        if not heat_figures.can_film(arguments.film):
             raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
     check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
     arguments.probe = [_probe(text) for text in arguments.probe]
@@ -127,11 +129,6 @@ def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
 
 def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[_Probe, Any], float]:
     """The heat over time, the thermocouples by name, and what a step took [us]."""
-    from fsw_canister import load_or_reduce
-    from fsw_canister.elements import elements_of
-    from fsw_canister.history import heat_history
-    from fsw_model import STEP_S
-
     for text, _, (r, _, z) in arguments.probe:
         try:
             elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
@@ -152,10 +149,6 @@ def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHi
 
 def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -> None:
     """A row a second; of each thermocouple a column."""
-    import numpy as np
-
-    from fsw_analysis.export import write_table
-
     at = np.searchsorted(history.time_s, history.kept_s[1:] - 1e-6)
     course = history.course
     columns = {
@@ -179,20 +172,16 @@ def _pictures(
     """Write what is wanted; what each file has, in words."""
     words = []
     if arguments.figure is not None or arguments.film is not None:
-        from fsw_analysis.heat_figures import FILM_FPS, FILM_FRAMES, HeatPicture, draw_heat, film_heat
-
         named = {one.words: values for one, values in probes.items()}
-        picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
+        picture = heat_figures.HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
-            write_whole(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
+            write_whole(arguments.figure, lambda part: heat_figures.draw_heat(picture, moments_s, part))
             words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
         if arguments.film is not None:
             with ProgressBar("film") as bar:
-                write_whole(arguments.film, lambda part: film_heat(picture, part, bar))
-            words.append(f"{arguments.film}: film of {FILM_FRAMES / FILM_FPS:.0f} s")
+                write_whole(arguments.film, lambda part: heat_figures.film_heat(picture, part, bar))
+            words.append(f"{arguments.film}: film of {heat_figures.FILM_FRAMES / heat_figures.FILM_FPS:.0f} s")
     if arguments.vtk is not None:
-        from fsw_canister.vtk import write_vtk
-
         files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
     return words

@@ -9,9 +9,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from fsw.console import program
 from fsw.errors import CommandError
 from fsw_schema.ranges import Range
+from fsw_schema.yaml_text import load_yaml
 
 Run = Callable[[argparse.Namespace], int]
 #: adds itself to a parser
@@ -107,6 +110,17 @@ def number(
         return value
 
     return option(flag, metavar=metavar, type=read, default=default, help=text)
+
+
+def assignment(option: str, text: str) -> tuple[str, Any]:
+    """Name and value, which is YAML, of an argument NAME=VALUE."""
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise CommandError(f"{option} {text}: write NAME=VALUE")
+    try:
+        return name.strip(), load_yaml(value)
+    except yaml.YAMLError:
+        return name.strip(), value
 
 
 FORCE = switch("--force", "replace files that exist")

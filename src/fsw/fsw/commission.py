@@ -10,7 +10,7 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -37,14 +37,18 @@ from fsw.errors import SHOWN, CommandError
 from fsw.outputs import new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.tune_command import EVALUATIONS, write_tunings
+from fsw.welds import Weld
+from fsw_analysis.changes import changes, part
+from fsw_analysis.kpi import compute
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control import weld
+from fsw_identification import report, summary
 from fsw_model import ModelParameters
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 from fsw_schema.models import InputError, content_of, read_text, validate
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw_scenario.scenario import Scenario
 
 #: the file by which commissioning is taken up again, and the report
 _COURSE, _REPORT = "commission.yaml", "report.md"
@@ -91,8 +95,6 @@ _TUNINGS = ("conservative", "tight", "smith")
     "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
 )
 def commission(arguments: argparse.Namespace) -> int:
-    from fsw_scenario.scenario_file import load
-
     for one in (arguments.experiment, arguments.acceptance):  # what is wrong in them is said before anything is done
         check_experiment(load(one))
     file: Path = arguments.out / _COURSE
@@ -172,9 +174,6 @@ class Work:
 
     def identify(self) -> Outcome:
         """Fit the model to the last experiment."""
-        from fsw.welds import Weld
-        from fsw_identification import report, summary
-
         bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
         with ProgressBar("identifying") as bar:
             found = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
@@ -186,8 +185,6 @@ class Work:
 
     def tune(self) -> Outcome:
         """Search for the tunings."""
-        from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
-
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
         own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
@@ -214,7 +211,6 @@ class Work:
     def accept(self) -> Outcome:
         """Weld the acceptance test, and compare it with the weld that the model predicts."""
         from fsw.commission_ros import weld as weld_it
-        from fsw_analysis.kpi import compute
 
         scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
         weld_it(self._arguments, scenario.text, bag, Guard())
@@ -229,8 +225,6 @@ class Work:
 
     def _scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""
-        from fsw_scenario.scenario_file import load, parse
-
         if step == "accept":
             return load(self._arguments.acceptance, [f"controller={self._arguments.controller}"])
         made = load(self._arguments.experiment)
@@ -274,8 +268,6 @@ def _now() -> str:
 
 def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
-    from fsw_analysis.changes import changes, part
-
     first = [one.begin for one in changes(signals) if one.quantity.endswith("reference")]
     if not first:
         raise InputError(f"{signals.path}: the set-points do not change")

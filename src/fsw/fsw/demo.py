@@ -14,6 +14,7 @@ from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
 from fsw.simulate_command import run_graph, write_results
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_scenario import live
@@ -120,8 +121,6 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 
 def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
-    from fsw_analysis.figures import Run  # matplotlib takes a second to import
-
     place = folder / scenario.name
     runs: list[Run] = []
     bags: list[Path] = []

@@ -6,11 +6,10 @@ import argparse
 from typing import Any
 
 import fsw
-from fsw.command import Option, command, file, group, option, repeated, switch
+from fsw.command import Option, assignment, command, file, group, option, repeated, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.progress import ProgressBar
-from fsw.simulate_command import assignment
 
 EXPORT = group(
     "export",

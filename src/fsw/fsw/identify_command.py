@@ -15,8 +15,10 @@ from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
+from fsw_identification import report, summary
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
+from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 from fsw_schema.ranges import Range
 
 #: lengths of an experiment that can be proposed, and the default
@@ -62,8 +64,6 @@ def identify(arguments: argparse.Namespace) -> int:
     arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
-    from fsw_identification import summary
-
     welds = [_weld(bag) for bag in arguments.bag]
     validate, air = (None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air))
     start, lag_s = _model(arguments.model), arguments.drive_lag
@@ -84,8 +84,6 @@ def identify(arguments: argparse.Namespace) -> int:
     write_text(arguments.out, result.text)
     files = [arguments.out]
     if arguments.report is not None:
-        from fsw_identification import report
-
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
     return 0
@@ -96,8 +94,6 @@ def _design(arguments: argparse.Namespace) -> int:
     if arguments.bag or arguments.report or arguments.validate or arguments.air or arguments.steady:
         raise CommandError("identify: --design takes no bags, estimates nothing and writes no report")
     check_new([arguments.out], arguments.force)
-    from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
-
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
         found = propose(duration_s, not arguments.open_loop, model, progress=bar)

@@ -6,23 +6,42 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import chain
 
 from fsw import __version__
 from fsw.command import Command, as_typed
 from fsw.console import program
 from fsw.errors import exit_code
 
-#: modules that declare commands, in the order of the help
-_MODULES = (
-    *("graph", "hmi", "simulate_command", "campaign_command", "model_command", "canister", "export_command"),
-    *("identify_command", "tune_command", "commission", "procedure", "record_command", "monitor", "history"),
-    *("demo", "node", "completion", "bags", "bag_info", "bag_recover", "bag_kpi", "bag_plot", "bag_export"),
-    *("bag_replay", "bag_evidence"),
-)
+_GRAPH = ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld")
+#: modules that declare commands, by their first word, in the order of the help
+_MODULES = {
+    **dict.fromkeys((*_GRAPH, "param", "lifecycle"), ("graph",)),
+    "hmi": ("hmi",),
+    "simulate": ("simulate_command",),
+    "campaign": ("campaign_command",),
+    "model": ("model_command",),
+    "canister": ("canister",),
+    "export": ("export_command",),
+    "identify": ("identify_command",),
+    "tune": ("tune_command",),
+    "commission": ("commission",),
+    "procedure": ("procedure",),
+    "record": ("record_command",),
+    "monitor": ("monitor",),
+    "history": ("history",),
+    "demo": ("demo",),
+    "node": ("node",),
+    "completion": ("completion",),
+    "bag": ("bags", "bag_info", "bag_recover", "bag_kpi", "bag_plot", "bag_export", "bag_replay", "bag_evidence"),
+}
 
 
-def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
-    """The whole command line; ``name`` is what the user has typed, ``fsw`` where the package is installed."""
+def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
+    """The command line: all of it, or the commands that begin with a word, so that nothing else is imported.
+
+    ``name`` is what the user has typed, ``fsw`` where the package is installed.
+    """
     whole = argparse.ArgumentParser(
         prog=name,
         description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
@@ -30,7 +49,7 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
     places = {"": _places(whole)}
-    for module in _MODULES:
+    for module in _MODULES.get(word) or dict.fromkeys(chain.from_iterable(_MODULES.values())):
         for one in vars(import_module(f"fsw.{module}")).values():
             if isinstance(one, Command):
                 before, _, last = one.name.rpartition(" ")
@@ -52,7 +71,8 @@ def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argpa
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
-    parsed = parser(program()).parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    parsed = parser(program(), words[0] if words else "").parse_args(words)
     return exit_code(lambda: parsed.run(parsed))
 
 

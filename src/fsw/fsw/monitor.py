@@ -16,6 +16,7 @@ from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 from fsw_quality.diagnosis import load_limits
 from fsw_quality.monitor import PROCESSES, Monitor
+from fsw_quality.monitor_figure import draw
 from fsw_quality.monitor_run import Watched, watch
 from fsw_quality.process_of_weld import process_of
 
@@ -42,8 +43,6 @@ def monitor(arguments: argparse.Namespace) -> int:
         raise CommandError(f"{arguments.bag}: no second with depth, torque, temperature, force and speed to watch")
     _print(watched, process)
     if arguments.figure is not None:
-        from fsw_quality.monitor_figure import draw  # matplotlib takes a second to import
-
         limits, title = load_limits()[process], f"{arguments.bag} ({process})"
         write_whole(arguments.figure, lambda part: draw(watched, limits, title, part))
         print(f"written: {arguments.figure}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
@@ -13,10 +12,9 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
+from fsw_quality import report
 from fsw_quality.procedure import load, shipped
-
-if TYPE_CHECKING:
-    from fsw_quality.record import Record
+from fsw_quality.record import Record
 
 
 @command(
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
     "has a record, too.",
 )
 def record(arguments: argparse.Namespace) -> int:
-    from fsw_quality import report  # matplotlib takes a second to import
-
     load(arguments.procedure)  # what is wrong in it is said before anything else
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):

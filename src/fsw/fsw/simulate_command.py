@@ -5,18 +5,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 
 from fsw.bags import print_notes
-from fsw.command import command, file, option, repeated, switch
+from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.errors import CommandError
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
+from fsw_analysis.export import export_weld
+from fsw_analysis.figures import Run, draw, draw_whole_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
@@ -33,9 +35,6 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
 from fsw_schema.yaml_text import load_yaml
-
-if TYPE_CHECKING:
-    from fsw_analysis.figures import Run
 
 
 @command(
@@ -85,9 +84,6 @@ def simulate(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.scenario is None:
         raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")
-    from fsw_analysis.export import export_weld
-    from fsw_analysis.figures import Run
-
     by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.procedure:
         if not arguments.bag:
@@ -140,8 +136,6 @@ def _loops(
 
 def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
     """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
-    from fsw_analysis.figures import draw, draw_whole_weld
-
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.markdown(results), end="")
     paths = kpi_table.write(results, folder)
@@ -234,14 +228,3 @@ def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
         return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
         raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None
-
-
-def assignment(option: str, text: str) -> tuple[str, Any]:
-    """Name and value, which is YAML, of an argument NAME=VALUE."""
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip():
-        raise CommandError(f"{option} {text}: write NAME=VALUE")
-    try:
-        return name.strip(), load_yaml(value)
-    except yaml.YAMLError:
-        return name.strip(), value

@@ -15,6 +15,9 @@ from fsw.command import command, file, number, switch
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
+from fsw_scenario.identification_design import plant_factors
+from fsw_scenario.standard_runs import draw_sweep, sweep
+from fsw_scenario.tune_decentral import NAMES
 from fsw_schema.ranges import Range
 
 #: processes that differ from the model, as factors on its parameters
@@ -53,9 +56,6 @@ def tune(arguments: argparse.Namespace) -> int:
     own = write_tunings(arguments.model, folder, arguments.evaluations)
     model_file = folder / "model.yaml"
     if not arguments.no_sweep:
-        from fsw_scenario.identification_design import plant_factors
-        from fsw_scenario.standard_runs import draw_sweep, sweep
-
         own["nmpc:default"] = {"model_file": str(model_file)}
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
@@ -69,8 +69,6 @@ def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str 
 
     ``origin``: comment for the head of the files.
     """
-    from fsw_scenario.tune_decentral import NAMES
-
     own: dict[str, Mapping[str, Any]] = {}
     for name in NAMES:
         label = f"decentral:{name}"
