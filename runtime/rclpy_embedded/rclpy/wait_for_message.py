@@ -4,7 +4,7 @@ import time
 from typing import Any
 
 from rclpy.constants import INT64_MAX
-from rclpy.impl.wait_set import ConditionSet
+from rclpy.impl.wait_set import WaitSet
 from rclpy.qos import QoSProfile
 from rclpy.utilities import timeout_sec_to_nsec
 
@@ -21,7 +21,7 @@ def wait_for_message(
     deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
     try:
-        with subscription.using("failed to wait for a message"), ConditionSet(node.context.session) as conditions:
+        with subscription.using("failed to wait for a message"), WaitSet(node.context.session) as conditions:
             node.context._wakers.add(conditions)
             conditions.update([subscription.condition])
             while node.context.ok():

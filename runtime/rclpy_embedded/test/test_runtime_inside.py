@@ -173,7 +173,7 @@ class Bell(Waitable):
         self.heard: list[str] = []
         future.add_done_callback(lambda done: self.heard.append(done.result()))
 
-    def is_ready(self) -> bool:
+    def is_ready(self, wait_set: Any) -> bool:
         return not self._rung
 
     def take_data(self) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -10,6 +9,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle, NameValidationException
 from rclpy.impl.endpoint import Endpoint
+from rclpy.impl.wait_set import WaitSet
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.type_support import check_for_type_support, check_is_valid_action_type
@@ -85,14 +85,14 @@ class ActionEntity(Waitable):
             self.destroy()
             raise
 
-    @property
-    def conditions(self) -> Sequence[Any]:
-        """What wakes the executor: the conditions of all readers."""
-        return [endpoint.condition for endpoint in self._endpoints if endpoint.condition is not None]
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        """Let all readers wake the executor."""
+        readers = [endpoint.condition for endpoint in self._endpoints if endpoint.condition is not None]
+        self._numbers = [wait_set.add_subscription(reader) for reader in readers]
 
-    def is_ready(self) -> bool:
+    def is_ready(self, wait_set: WaitSet) -> bool:
         """Return whether there is something to take."""
-        return any(condition.is_triggered() for condition in self.conditions)
+        return any(wait_set.is_ready("subscription", number) for number in self._numbers)
 
     def destroy(self) -> None:
         """Destroy the services and topics of the action."""
