@@ -66,7 +66,7 @@ class Client(ServiceEndpoint):
     def take_response(self) -> tuple[int, Any] | None:
         """Take the next response to this client and the number of its request, None if there is none."""
         # Replies to all clients of the service come by; only our own are worth decoding.
-        taken = self._taken(self.handle.receive, self._received, self._guid.to_bytes(8, "little"))
+        taken = self._use(self.handle.receive, self._received, self._guid.to_bytes(8, "little"))
         return None if taken is None else (taken[0].sequence_number, taken[1])
 
     def _take(self) -> Callable[[], Any] | None:

@@ -48,11 +48,7 @@ class Publisher(TopicEndpoint):
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         if len(data) > LARGE:
             keep_freed_memory()
-        try:
-            writer.write(writer.data_type(data))
-        except DDSException as error:
-            self._check()
-            raise RCLError(f"Failed to publish: {error}") from error
+        self._use(writer.write, writer.data_type(data))
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions match."""

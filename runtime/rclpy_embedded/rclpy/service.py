@@ -49,7 +49,7 @@ class Service(ServiceEndpoint):
 
     def take_request(self) -> tuple[Any, ServiceInfo] | None:
         """Take the next request, None if there is none (or only a malformed one)."""
-        request, info = self._taken(self.handle.service_take_request, self.srv_type.Request)
+        request, info = self._use(self.handle.service_take_request, self.srv_type.Request)
         return None if info is None else (request, info)
 
     def _take(self) -> Callable[[], Any] | None:

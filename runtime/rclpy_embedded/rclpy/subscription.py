@@ -89,7 +89,7 @@ class Subscription(TopicEndpoint):
 
     def take(self) -> tuple[Any, MessageInfo] | None:
         """Take the next message and its metadata, None if there is none (or only a malformed one)."""
-        taken: tuple[Any, MessageInfo] | None = self._taken(self.handle.take_message, self.msg_type, self.raw)
+        taken: tuple[Any, MessageInfo] | None = self._use(self.handle.take_message, self.msg_type, self.raw)
         return taken
 
     def _take(self) -> Callable[[], Any] | None:

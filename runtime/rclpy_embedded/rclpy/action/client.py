@@ -24,41 +24,26 @@ _TERMINAL = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus
 
 
 class ClientGoalHandle:
-    """A goal that was sent; `status` is what the server has published of it last."""
+    """A goal that was sent."""
 
     def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
         self._action_client = action_client
-        self._goal_id = goal_id
-        self._goal_response = goal_response
-        self._status: int = GoalStatus.STATUS_UNKNOWN
+        #: UUID message of the goal.
+        self.goal_id = goal_id
+        #: When the server accepted the goal.
+        self.stamp = goal_response.stamp
+        #: Whether the server accepted the goal.
+        self.accepted: bool = goal_response.accepted
+        #: A constant of ``action_msgs/msg/GoalStatus``, as the server has published it last.
+        self.status: int = GoalStatus.STATUS_UNKNOWN
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, ClientGoalHandle) and bool(self._goal_id == other.goal_id)
+        return isinstance(other, ClientGoalHandle) and bool(self.goal_id == other.goal_id)
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         return f"ClientGoalHandle <id={self.goal_id.uuid}, accepted={self.accepted}, status={self.status}>"
-
-    @property
-    def goal_id(self) -> Any:
-        """UUID message of the goal."""
-        return self._goal_id
-
-    @property
-    def stamp(self) -> Any:
-        """When the server accepted the goal."""
-        return self._goal_response.stamp
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the server accepted the goal."""
-        return bool(self._goal_response.accepted)
-
-    @property
-    def status(self) -> int:
-        """A constant of ``action_msgs/msg/GoalStatus``."""
-        return self._status
 
     def cancel_goal(self) -> Any:
         """Ask for cancellation and wait for the response. Not for use in callbacks: it would block the executor."""
@@ -167,7 +152,7 @@ class ActionClient(ActionEntity):
                 continue
             goal_handle = reference()
             if goal_handle is not None:
-                goal_handle._status = status.status
+                goal_handle.status = status.status
             if goal_handle is None or status.status in _TERMINAL:
                 del self._goal_handles[key]
 

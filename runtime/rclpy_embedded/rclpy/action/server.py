@@ -68,7 +68,10 @@ class ServerGoalHandle:
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
         self._action_server = action_server
         self._goal_info = goal_info
-        self._goal_request = goal_request
+        #: UUID message of the goal.
+        self.goal_id = goal_info.goal_id
+        #: The goal message.
+        self.request = goal_request
         self._state = _ACCEPTED
         self._destroyed = False
         self._ended_ns: int | None = None
@@ -77,16 +80,6 @@ class ServerGoalHandle:
         return isinstance(other, ServerGoalHandle) and bool(self.goal_id == other.goal_id)
 
     __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def request(self) -> Any:
-        """The goal message."""
-        return self._goal_request
-
-    @property
-    def goal_id(self) -> Any:
-        """UUID message of the goal."""
-        return self._goal_info.goal_id
 
     @property
     def is_active(self) -> bool:

@@ -53,13 +53,13 @@ class Endpoint(Destroyable):
             self._check()
             raise
 
-    def _taken(self, take: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what a method of the handle takes."""
+    def _use(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a method of an entity; InvalidHandle or RCLError if that is gone."""
         try:
-            return take(*arguments)
+            return method(*arguments)
         except DDSException as error:
             self._check()
-            raise RCLError(f"failed to take from '{self._name}': {error}") from error
+            raise RCLError(f"failed to {method.__name__} on '{self._name}': {error}") from error
 
     def _clean_up(self) -> None:
         for handler in self.event_handlers:
@@ -204,8 +204,4 @@ class ServiceEndpoint(Endpoint):
 
     def _send(self, request_id: RequestId, message: Any) -> None:
         prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
-        try:
-            self._writer.write(self._writer.data_type(self._sent.serialize(message, prefix)))
-        except DDSException as error:
-            self._check()
-            raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
+        self._use(self._writer.write, self._writer.data_type(self._sent.serialize(message, prefix)))
