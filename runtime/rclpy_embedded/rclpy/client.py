@@ -35,10 +35,13 @@ class Client(ServiceEndpoint):
 
     def call_async(self, request: Any) -> Future:
         """Send a request; the returned future completes with the response."""
+        return self._complete(Future(), request)
+
+    def _complete(self, future: Future, request: Any) -> Future:
+        """Send a request; complete the future with the response."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
         self._check()
-        future = Future()
         with self._lock:
             self._sequence_number += 1
             number = self._sequence_number

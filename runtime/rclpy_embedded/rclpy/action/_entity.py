@@ -29,7 +29,7 @@ class ActionEntity(Waitable):
         check_is_valid_action_type(action_type)
         super().__init__(callback_group or node.default_callback_group)
         self._node = node
-        self._action_type = action_type
+        self.action_type = action_type
         self._action_name = action_name
         self._endpoints: list[Endpoint] = []
         self._logger = node.get_logger().get_child(type(self).__name__.replace("Action", "action_").lower())
@@ -61,7 +61,7 @@ class ActionEntity(Waitable):
         self, kind: Any, goal: QoSProfile, cancel: QoSProfile, result: QoSProfile, **options: Any
     ) -> dict[str, Any]:
         """Make the services, or the clients of these, with a profile for each."""
-        impl = self._action_type.Impl
+        impl = self.action_type.Impl
         return {
             "goal": self._open(kind, impl.SendGoalService, "send_goal", goal, **options),
             "cancel": self._open(kind, impl.CancelGoalService, "cancel_goal", cancel, **options),
@@ -70,7 +70,7 @@ class ActionEntity(Waitable):
 
     def _open_topics(self, kind: Any, feedback: QoSProfile, status: QoSProfile, **options: Any) -> tuple[Any, Any]:
         """Make the publishers, or the subscriptions, with a profile for each: feedback and status."""
-        impl = self._action_type.Impl
+        impl = self.action_type.Impl
         return (
             self._open(kind, impl.FeedbackMessage, "feedback", feedback, **options),
             self._open(kind, impl.GoalStatusMessage, "status", status, **options),
