@@ -337,22 +337,23 @@ def test_nobody_sleeps_after_a_rate_is_destroyed(node: Any) -> None:
 
 
 def test_an_interrupt_while_the_guard_is_reset_does_not_leave_it_set(context: Context) -> None:
-    with WaitSet(context.session) as conditions:
-        guard, interrupted = conditions._guard, []
+    conditions = WaitSet(context.session)
+    guard, interrupted = conditions._guard, []
 
-        class Guard:
-            def set(self, value: bool) -> None:
-                guard.set(value)
-                if not value and not interrupted:
-                    interrupted.append(True)
-                    raise KeyboardInterrupt
+    class Guard:
+        def set(self, value: bool) -> None:
+            guard.set(value)
+            if not value and not interrupted:
+                interrupted.append(True)
+                raise KeyboardInterrupt
 
-        conditions._guard = Guard()
-        conditions.wake()
-        with pytest.raises(KeyboardInterrupt):
-            conditions.wait(0)
+    conditions._guard = Guard()
+    conditions.wake()
+    with pytest.raises(KeyboardInterrupt):
         conditions.wait(0)
-        assert conditions.wait(0) == 0 and not conditions._woken and not guard.read()
-        conditions.wake()
-        assert guard.read()
-        conditions._guard = guard
+    conditions.wait(0)
+    assert conditions.wait(0) == 0 and not conditions._woken and not guard.read()
+    conditions.wake()
+    assert guard.read()
+    conditions._guard = guard
+    conditions.close()

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterable
-from typing import Any, Self
+from typing import Any
 
 from cyclonedds import core
 from rclpy.impl.dds import Readable, delete
@@ -86,12 +86,6 @@ class WaitSet:
                 self._woken = False
             triggered -= 1
         return max(0, triggered)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self.close()
 
     def close(self) -> None:
         with self._guard_lock:

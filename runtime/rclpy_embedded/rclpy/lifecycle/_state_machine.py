@@ -57,8 +57,6 @@ _TRANSITIONS = _transitions()
 class LifecycleStateMachine:
     """The state of one node; `notify` learns the identifiers of the old and the new state at every transition."""
 
-    initialized = True
-
     def __init__(self, notify: Callable[[int, int], None]) -> None:
         self._notify = notify
         self._state: int = State.PRIMARY_STATE_UNCONFIGURED
