@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.impl.endpoint import CallReader, RequestId, ServiceEndpoint, peer_id
+from rclpy.impl.endpoint import CallReader, RequestId, peer_id
+from rclpy.service_introspection import IntrospectedEndpoint
+from service_msgs.msg import ServiceEventInfo
 
 from rosidl_embedded.typesupport import type_support
 
@@ -36,7 +38,7 @@ class RequestReader(CallReader):
         return request, ServiceInfo(info.source_timestamp, time.time_ns(), request_id, info.publication_handle)
 
 
-class Service(ServiceEndpoint):
+class Service(IntrospectedEndpoint):
     """Answers requests; created by ``Node.create_service``."""
 
     _is_server = True
@@ -50,7 +52,10 @@ class Service(ServiceEndpoint):
     def take_request(self) -> tuple[Any, ServiceInfo] | None:
         """Take the next request, None if there is none (or only a malformed one)."""
         request, info = self._use(self.handle.service_take_request, self.srv_type.Request)
-        return None if info is None else (request, info)
+        if info is None:
+            return None
+        self._tell(ServiceEventInfo.REQUEST_RECEIVED, info.request_id, request)
+        return request, info
 
     def _take(self) -> Callable[[], Any] | None:
         taken = self.take_request()
@@ -88,7 +93,9 @@ class Service(ServiceEndpoint):
         if not isinstance(header, ServiceInfo | RequestId):
             raise TypeError(f"Expected the header of a request, got {type(header)}")
         with self.using("failed to send response"):
-            if isinstance(header, RequestId):
-                self._send(header, response)
-            elif self._await_client(header):
-                self._send(header.request_id, response)
+            if isinstance(header, ServiceInfo):
+                if not self._await_client(header):
+                    return
+                header = header.request_id
+            self._send(header, response)
+            self._tell(ServiceEventInfo.RESPONSE_SENT, header, response)
