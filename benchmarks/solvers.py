@@ -73,6 +73,11 @@ def nlp_rows(figures: dict[str, Any]) -> list[Row]:
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
 
+def faster(rows: list[Row]) -> list[str]:
+    """Names of the solvers that took less time than this project's."""
+    return [row.name for row in rows if row.ratio is not None and row.ratio < 1.0]
+
+
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
     """Cost excess against time, a panel for each problem."""
     figure = Figure(figsize=(12, 4), layout="constrained")
@@ -118,7 +123,7 @@ def main() -> int:
     )
     environment.filters["number"] = number
     quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
-    text = environment.get_template("solvers.md.j2").render(tables=tables, qp=qp, nlp=nlp, quick=quick)
+    text = environment.get_template("solvers.md.j2").render(tables=tables, faster=faster, qp=qp, nlp=nlp, quick=quick)
     parsed.page.write_text(text, encoding="utf-8")
     return 0
 
