@@ -21,8 +21,9 @@ if __name__ == "__main__":
 
     ensure()
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
+
+from fsw_analysis.report import templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
 NAMES = {
@@ -118,9 +119,7 @@ def main() -> int:
         "nonlinear problem, cold": nlp_rows(nlp),
     }
     draw(tables, parsed.page.with_suffix(".png"))
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = templates(Path(__file__).parent)
     environment.filters["number"] = number
     quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
     text = environment.get_template("solvers.md.j2").render(tables=tables, faster=faster, qp=qp, nlp=nlp, quick=quick)
