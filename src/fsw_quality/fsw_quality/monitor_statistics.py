@@ -6,9 +6,10 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
 
-FloatArray = NDArray[np.float64]
+from fsw_analysis.weld_signals import FloatArray
 
 #: lags of the autocorrelation that :func:`ljung_box` sums
 LAGS = 20
@@ -117,23 +118,16 @@ def harris_index(errors: FloatArray, delay: int) -> float:
         return 1.0
     covariance = np.array([float(centred[lag:] @ centred[: n - lag]) for lag in range(_ORDER + 1)]) / n
     covariance[0] *= 1.0 + 1e-9
-    lags = np.arange(_ORDER)
-    weights = np.linalg.solve(covariance[np.abs(lags[:, None] - lags)], covariance[1:])
-    impulse = np.zeros(delay)
-    impulse[:1] = 1.0
-    for i in range(1, delay):
-        reach = min(i, _ORDER)
-        impulse[i] = float(weights[:reach] @ impulse[i - 1 :: -1][:reach])
+    weights = solve_toeplitz(covariance[:-1], covariance[1:])
+    impulse = lfilter([1.0], [1.0, *-weights], np.eye(1, delay)[0])
     innovation = max(float(covariance[0] - weights @ covariance[1:]), 0.0)
-    mean_square = power / n
-    return min(innovation * float(impulse @ impulse) / mean_square, 1.0)
+    return min(innovation * float(impulse @ impulse) / (power / n), 1.0)
 
 
-def best_delay(given: FloatArray, followed: FloatArray, largest: int) -> tuple[int, float]:
-    """Samples by which ``followed`` is behind ``given``: where they differ least; and that mean square difference."""
+def best_delay(given: FloatArray, followed: FloatArray, largest: int) -> int:
+    """Samples by which ``followed`` is behind ``given``: where they differ least."""
     squares = [
         float(np.mean((followed[largest:] - given[largest - delay : given.size - delay]) ** 2))
         for delay in range(largest + 1)
     ]
-    delay = int(np.argmin(squares))
-    return delay, squares[delay]
+    return int(np.argmin(squares))

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from fsw_analysis.weld_signals import FloatArray
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
-from fsw_quality.monitor_statistics import FloatArray
 
 #: a jump from one sample to the next, in standard deviations of the noise, that no process makes: an edge of the
 #: workpiece, a step of the sensor (chosen)

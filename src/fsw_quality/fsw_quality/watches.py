@@ -103,8 +103,7 @@ class DriveWatch:
         found = {f"stiction_{name}": float(np.mean(away & (np.abs(np.diff(acting)) < 0.05 * self._least)))}
         moves = np.abs(np.diff(given))
         if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
-            delay, _ = best_delay(given, acting, 15)
-            found[f"lag_{name}"] = TICK_S * delay
+            found[f"lag_{name}"] = TICK_S * best_delay(given, acting, 15)
         if self._limited.full:
             found[f"saturation_{name}"] = float(self._limited.values().mean())
         if calm_s > 60.0:

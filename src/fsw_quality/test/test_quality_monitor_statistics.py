@@ -70,4 +70,4 @@ def test_the_harris_index_is_one_at_the_least_variance_and_falls_with_a_slow_loo
 
 def test_a_delay_is_found() -> None:
     given = np.cumsum(RANDOM.standard_normal(300))
-    assert best_delay(given[10:], given[4:-6], 15) == (6, 0.0)
+    assert best_delay(given[10:], given[4:-6], 15) == 6
