@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Finding
 from fsw_quality.monitor import Monitor, Sample
+from fsw_schema.yaml_text import load_yaml
 
 _PROGRESS_TICKS = 500
 
@@ -45,6 +47,18 @@ class Watched:
     def series(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """A figure over ``time_s``; NaN where it was not known."""
         return np.array([one.get(name, np.nan) for one in self.figures])
+
+
+def process_of(signals: WeldSignals) -> str:
+    """``canister`` if the scenario in the bag says so, or the bag is of a machine; else ``paper``."""
+    text = signals.attachments.get("scenario.yaml")
+    if text is None:
+        return "paper" if signals.truth is not None else "canister"
+    try:
+        plant = load_yaml(text.decode("utf-8", "replace"))["plant"]
+        return "canister" if plant["process"] == "canister" else "paper"
+    except (yaml.YAMLError, KeyError, TypeError):
+        return "paper"
 
 
 def samples(signals: WeldSignals) -> Iterator[Sample]:

@@ -100,8 +100,7 @@ def check_possible(procedure: Procedure) -> None:
     }
     for limit in procedure.essential:
         value = values.get(limit.variable)
-        low, high = limit.min, limit.max
-        if value is not None and not ((low is None or low <= value) and (high is None or value <= high)):
+        if value is not None and not limit.holds(value):
             whose = "the machine has" if limit.variable == "traverse_mm_per_min" else f"the model needs at {at}"
             raise InputError(
                 f"procedure {procedure.id}: essential limit {limit.words} is impossible: {value:.4g} is what {whose}"

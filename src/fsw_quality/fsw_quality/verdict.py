@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated
 
@@ -185,13 +185,13 @@ def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterat
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
         faults += [f"{count} {reason}" for reason, count in reasons.items() if reason != "missing"]
-        if sensor.calibration_due is not None and day is None:
-            faults.append("the day of the weld is not known (simulated time)")
-        elif (
-            sensor.calibration_due is not None and day is not None and day > date.fromisoformat(sensor.calibration_due)
-        ):
-            faults.append(f"welded on {day.isoformat()}")
-        due = f", calibrated until {sensor.calibration_due}" if sensor.calibration_due else ""
+        due = ""
+        if sensor.calibration_due is not None:
+            due = f", calibrated until {sensor.calibration_due}"
+            if day is None:
+                faults.append("the day of the weld is not known (simulated time)")
+            elif day > sensor.calibration_due:
+                faults.append(f"welded on {day}")
         yield _rule("sensor", f"{sensor.name} on record and usable{due}", "; ".join(faults) or "yes", bool(faults))
 
 

@@ -37,7 +37,7 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
         ("phases.2.to_deg", 5.0, "phases do not ascend in to_deg"),
         ("phases.1.name", "dwell", "phases names dwell twice"),
         ("controllers.0.parameters_sha256", "abc", "is not a SHA-256"),
-        ("sensors.0.calibration_due", "tomorrow", "not a date; write it in quotes"),
+        ("sensors.0.calibration_due", "tomorrow", "calibration_due is 'tomorrow': must be a valid date"),
         ("quality.0.min", 0.05, "quality[0] is impossible: a weld at its set-points, error 0, is outside"),
         ("sensors.0.name", "smell", "is 'smell', not a sensor; known: depth"),
         ("revison", "B", "revison is an unknown key; did you mean revision?"),
