@@ -22,8 +22,9 @@ from fsw_quality.procedure import Identity
 from fsw_quality.signature import LibraryMissingError, PublicKey
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest, manifest_of, read_manifest, sha256
+from fsw_recorder.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256
 from fsw_recorder.manifest_check import Finding, check_files, complete
 from fsw_schema.files import replacing
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
@@ -281,7 +282,10 @@ def manifest_for(bag: Path) -> tuple[Manifest, str, list[str]]:
         if manifest is None:
             notes.append(f"no {MANIFEST_NAME}: the recorder was killed before it wrote one, or wrote none")
             attachments = {one.name: sha256(one.data) for one in reader.attachments()}
-            manifest = manifest_of(bag.resolve().name, (), reader.metadata.custom_data, attachments)
+            custom = reader.metadata.custom_data
+            manifest = Manifest(
+                bag=bag.resolve().name, custom_data=custom, attachments_sha256=attachments, clock=UNKNOWN, files=()
+            )
         notes += [f"{problem}" for problem in reader.problems]
     whole, more = complete(bag, manifest)
     text = whole.text() if more or not manifest.files else (bag / MANIFEST_NAME).read_text(encoding="utf-8")
