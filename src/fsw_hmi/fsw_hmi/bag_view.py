@@ -83,13 +83,10 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
     if not spans:
         return []
     figures = phase_kpi.compute(signals, name, spans)
-    found = []
-    for (phase, begin_s, end_s), one in zip(spans, figures, strict=False):
-        times = {"begin_s": begin_s, "end_s": end_s}
-        found.append({"name": phase} | {key: round(float(value), 3) for key, value in times.items()} | _errors(one))
+    spans += [("whole weld", 0.0, float(signals.time_s[-1]))]
     return [
-        *found,
-        {"name": "whole weld", "begin_s": 0.0, "end_s": round(float(signals.time_s[-1]), 3)} | _errors(figures[-1]),
+        {"name": phase, "begin_s": round(float(begin_s), 3), "end_s": round(float(end_s), 3)} | _errors(one)
+        for (phase, begin_s, end_s), one in zip(spans, figures, strict=True)
     ]
 
 

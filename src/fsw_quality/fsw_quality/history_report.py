@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -15,9 +13,9 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import STYLE
+from fsw_analysis.html_page import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
-from fsw_quality.html_templates import template
 from fsw_schema.files import replacing
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
@@ -100,13 +98,15 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
     """
     found = charts(table)
     said = remarks(table, found)
-    text = template("history.html.j2").render(
+    text = page(
+        "fsw_quality",
+        "history.html.j2",
         title=title,
         welds=table.num_rows,
-        remarks=said[-_MOST:] if len(said) > _MOST else said,
+        remarks=said[-_MOST:],
         left_out=max(0, len(said) - _MOST),
         tools=tools(table),
-        image=f"data:image/png;base64,{base64.b64encode(draw(table, found)).decode()}",
+        image=source(draw(table, found)),
         table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
     )
     with replacing(target) as scratch:
@@ -155,6 +155,4 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
         axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
         for axis in axes[-1]:
             axis.set_xlabel("weld")
-        with io.BytesIO() as file:
-            figure.savefig(file, format="png", dpi=100)
-            return file.getvalue()
+        return png(figure, 100)
