@@ -34,11 +34,6 @@ class Chart:
     #: welds at which each chart signals: ``shewhart``, ``ewma``, ``cusum``
     signals: dict[str, list[int]]
 
-    @property
-    def first(self) -> int | None:
-        """The first weld at which any chart signals."""
-        return min((min(found) for found in self.signals.values() if found), default=None)
-
 
 def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
     """Charts of a quantity, whose normal mean and spread are those of the first welds.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import isfinite, nan
@@ -17,12 +16,11 @@ from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.course import course_of
 from fsw_quality.monitor_run import Watched
-from fsw_schema.files import replacing
+from fsw_schema.files import locked, replacing
 from fsw_schema.models import InputError
 
 #: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
 TORQUE_NM = 1021.5
-_LOCK = ".lock"
 #: files that are joined into one when a row is added
 _MOST_FILES = 50
 TEXTS = ("weld", *IDENTITY, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
@@ -113,9 +111,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
         If a weld is in the history already, under its name or another, or the folder cannot be written.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / _LOCK).open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with locked(folder):
             files = _files(folder)
             there = load(folder) if files else SCHEMA.empty_table()
             fresh = pa.Table.from_pylist(list(rows), SCHEMA)

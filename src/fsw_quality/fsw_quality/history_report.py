@@ -16,7 +16,7 @@ from fsw_analysis.figure_style import STYLE
 from fsw_analysis.html_page import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
 WORN_NM = 50.0
@@ -109,8 +109,7 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
         image=source(draw(table, found)),
         table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
     )
-    with replacing(target) as scratch:
-        scratch.write_text(text, encoding="utf-8")
+    write_whole(target, text)
     return said
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import mapped, sha256
 from fsw_schema.models import Many, Model
 
 #: stamps below this are of simulated time
@@ -262,7 +262,7 @@ def assemble(
         control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
         parameters_sha256=parameters,
-        attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
+        attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
         exceedances=tuple(found),
         missing=course.missing,
@@ -301,15 +301,8 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
     """The files of a bag that a record names, with their hashes."""
     kinds = (*SUFFIXES, METADATA_NAME)
     paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
-    found = []
-    for path in paths:
-        with path.open("rb") as file:
-            found.append(
-                BagFile(
-                    name=path.name, bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest()
-                )
-            )
-    return tuple(found)
+    contents = ((path.name, mapped(path)) for path in paths)
+    return tuple(BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents)
 
 
 def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:

@@ -12,7 +12,7 @@ from fsw_quality import figures
 from fsw_quality.course import Course
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: exceedances and events in the page; the JSON has all
 MOST_ROWS = 60
@@ -43,8 +43,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     if can_write_pdf():
         whole[PDF] = _pdf(body, title)
     for name, data in whole.items():
-        with replacing(folder / name) as scratch:
-            scratch.write_bytes(data)
+        write_whole(folder / name, data)
     return [folder / name for name in whole]
 
 

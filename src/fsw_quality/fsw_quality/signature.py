@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 from fsw_schema.models import InputError
 
 if TYPE_CHECKING:  # of the extra quality
@@ -77,11 +77,9 @@ def make_key(path: Path, comment: str = "fsw-control") -> PublicKey:
         serialization.Encoding.PEM, serialization.PrivateFormat.OpenSSH, serialization.NoEncryption()
     )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with replacing(path, 0o600) as scratch:
-        scratch.write_bytes(text)
+    write_whole(path, text, 0o600)
     line = key.public_key().public_bytes(serialization.Encoding.OpenSSH, serialization.PublicFormat.OpenSSH)
-    with replacing(public_path) as scratch:
-        scratch.write_bytes(line + f" {comment}\n".encode())
+    write_whole(public_path, line + f" {comment}\n".encode())
     return PublicKey(key.public_key().public_bytes_raw())
 
 
