@@ -91,15 +91,9 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
 
 
 def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
-    def plain(error: phase_kpi.ErrorStatistics | None) -> dict[str, float | None] | None:
-        return None if error is None else {key: short(value) for key, value in asdict(error).items()}
-
-    power_kw = None if figures.power_kw is None else short(figures.power_kw)
-    return {
-        "temperature_error_c": plain(figures.temperature_c),
-        "depth_error_mm": plain(figures.depth_mm),
-        "power_kw": power_kw,
-    }
+    errors = {"temperature_error_c": figures.temperature_c, "depth_error_mm": figures.depth_mm}
+    plain = {name: one and {key: short(value) for key, value in asdict(one).items()} for name, one in errors.items()}
+    return plain | {"power_kw": None if figures.power_kw is None else short(figures.power_kw)}
 
 
 def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:

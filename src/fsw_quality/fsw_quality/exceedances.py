@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,9 @@ from pydantic import AfterValidator, Strict
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
 from fsw_quality.course import Course
+from fsw_quality.procedure import Check, Kind, Procedure
 from fsw_schema.models import Many, Model
 
-Kind = Literal["essential", "quality", "set_point"]
 #: to six decimals
 Rounded = Annotated[float, AfterValidator(lambda value: round(float(value), 6))]
 Pair = Annotated[tuple[Rounded, Rounded], Strict(False)]
@@ -59,27 +59,25 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
 
 
-def find(
-    course: Course,
-    kind: Kind,
-    variable: str,
-    bounds: tuple[float | None, float | None],
-    words: str,
-    phases: tuple[str, ...] = (),
-) -> list[Exceedance]:
-    """All exceedances of one limit, which holds in ``phases`` (all, where empty) and where the phase is not known."""
-    values = course.values[variable]
-    excess = beyond(values, *bounds)
-    holds = np.isin(course.phase.astype(str), [*phases, ""]) if phases else np.ones(values.size, bool)
+def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
+    """All exceedances of limits and permitted set-points, in the order of the checks."""
+    return [one for check in procedure.checks() for one in _exceedances(course, check)]
+
+
+def _exceedances(course: Course, check: Check) -> list[Exceedance]:
+    """Of one check, which holds in its phases and where the phase is not known."""
+    values = course.values[check.variable]
+    excess = beyond(values, check.min, check.max)
+    holds = np.isin(course.phase.astype(str), [*check.phases, ""]) if check.phases else np.ones(values.size, bool)
     found = []
     for run in runs(~(excess == 0.0) & holds):
         missing = ~np.isfinite(excess[run])
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
         found.append(
             Exceedance(
-                kind=kind,
-                variable=variable,
-                limit=words,
+                kind=check.kind,
+                variable=check.variable,
+                limit=check.words,
                 begin_s=course.time_s[run.start],
                 duration_s=course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S,
                 samples=run.stop - run.start,

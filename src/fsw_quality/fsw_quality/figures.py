@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 from fsw_analysis.figure_style import STYLE
 from fsw_analysis.html_page import png
 from fsw_quality.course import Course
-from fsw_quality.exceedances import Exceedance, Kind
-from fsw_quality.procedure import Procedure
+from fsw_quality.exceedances import Exceedance
+from fsw_quality.procedure import Kind, Procedure
 
 _PANELS = {
     "depth_mm": "depth [mm]",

@@ -74,17 +74,14 @@ def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
                 more = f", and at {len(at) - 1} later welds" if len(at) > 1 else ""
                 value = f"{one.values[at[0]]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
                 said.append((at[0], f"{kind} chart of {NUMBERS[name]} signals: {value}{more}"))
-    columns = {
-        name: table[name].to_pylist() for name in ("alarm_texts", "swaps", "operators", "verdict", "controllers")
-    }
-    for i in range(len(names)):
-        said += [(i, f"alarm at {line}") for line in (columns["alarm_texts"][i] or "").splitlines()]
-        if columns["swaps"][i]:
-            said.append((i, f"{columns['swaps'][i]} swap(s): {columns['controllers'][i]}"))
-        if columns["operators"][i]:
-            said.append((i, f"operator acted: {columns['operators'][i]}"))
-        if columns["verdict"][i] in ("review", "reject"):
-            said.append((i, f"verdict {columns['verdict'][i]}"))
+    for i, weld in enumerate(table.select(["alarm_texts", "swaps", "operators", "verdict", "controllers"]).to_pylist()):
+        said += [(i, f"alarm at {line}") for line in (weld["alarm_texts"] or "").splitlines()]
+        if weld["swaps"]:
+            said.append((i, f"{weld['swaps']} swap(s): {weld['controllers']}"))
+        if weld["operators"]:
+            said.append((i, f"operator acted: {weld['operators']}"))
+        if weld["verdict"] in ("review", "reject"):
+            said.append((i, f"verdict {weld['verdict']}"))
     return [(names[i], text) for i, text in sorted(said)]
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
 
@@ -170,6 +170,20 @@ class Limit(Sourced):
         return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
 
 
+Kind = Literal["essential", "quality", "set_point"]
+
+
+class Check(NamedTuple):
+    """What every sample of a phase must be within."""
+
+    kind: Kind
+    variable: str
+    min: float | None
+    max: float | None
+    words: str
+    phases: tuple[str, ...] = ()  #: all, where empty
+
+
 class Controller(Model):
     """A controller that may command the weld."""
 
@@ -267,6 +281,14 @@ class Procedure(Model):
     def identity(self) -> Identity:
         """Name, revision and hash."""
         return Identity(id=self.id, revision=self.revision, date=self.date.isoformat(), sha256=self.sha256)
+
+    def checks(self) -> Iterator[Check]:
+        """All limits and the permitted set-points, in that order."""
+        for kind, one in self.limits():
+            yield Check(kind, one.variable, one.min, one.max, one.words, one.phases)
+        for name, point in self.set_points:
+            words = f"set-point {name} {point.min:g} to {point.max:g}"
+            yield Check("set_point", f"set_point_{name}", point.min, point.max, words)
 
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""

@@ -20,10 +20,10 @@ from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
-from fsw_quality.exceedances import Exceedance, Rounded, beyond
+from fsw_quality.exceedances import Exceedance, Rounded, beyond, exceedances
 from fsw_quality.procedure import Identity, Procedure
 from fsw_quality.procedure_watch import tuning_sha256
-from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
+from fsw_quality.verdict import Evidence, Rule, Verdict, decide, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
