@@ -129,7 +129,7 @@ def _rows(signals: WeldSignals) -> list[list[Any]]:
         "solve_ms": 1e3 * _solve_time_s(signals),
         "angle_deg": signals.angle_deg,
     }
-    numbers = [_short(columns[name]) for name in COLUMNS[1:]]
+    numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
     rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, strict=True)
     return list(map(list, rows))
@@ -142,7 +142,3 @@ def _solve_time_s(signals: WeldSignals) -> FloatArray:
         chosen = signals.command_source == name
         found[chosen] = status.solve_time_s[chosen]
     return found
-
-
-def _short(values: FloatArray) -> list[float | None]:
-    return list(map(short, values.tolist()))

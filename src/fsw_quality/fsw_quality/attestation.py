@@ -190,6 +190,8 @@ def attest(
     if found := check_files(bag, manifest):
         raise BagError(f"{bag}: cannot be attested: {summary(found)}")
     files = {one.name: one.sha256 for one in manifest.files}
+    with BagReader(bag) as reader:
+        software = software_versions({one.name: one.data for one in reader.attachments()})
     with locked(chain_folder):
         chain = read_chain(chain_folder, [PublicKey(key.public_key().public_bytes_raw())])
         if chain.problems:
@@ -206,7 +208,7 @@ def attest(
             files_sha256=files,
             attachments_sha256=manifest.attachments_sha256,
             procedure=procedure,
-            software=_software(bag),
+            software=software,
             documents_sha256=hashes,
             notes=tuple(notes),
             attested_at=now.isoformat(timespec="seconds"),
@@ -276,11 +278,6 @@ def bag_name(path: Path) -> str:
     """Name of a bag; a folder ``bag`` says nothing, so with that of its parent."""
     whole = path.resolve()
     return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
-
-
-def _software(bag: Path) -> dict[str, str]:
-    with BagReader(bag) as reader:
-        return software_versions({one.name: one.data for one in reader.attachments()})
 
 
 def software_versions(attachments: Mapping[str, bytes]) -> dict[str, str]:

@@ -245,6 +245,7 @@ def assemble(
     )
     rules = judge(course, procedure, found, signals.events, evidence)
     verdict, deciding = decide(rules)
+    phases = [*((name, ticks) for name, ticks in course.spans() if name), ("whole weld", slice(None))]
     record = Record(
         verdict=verdict,
         deciding=deciding,
@@ -258,7 +259,7 @@ def assemble(
         simulated_time=evidence.stamp_ns is None,
         duration_s=course.time_s[-1] - course.time_s[0],
         controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
-        operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
+        operators=tuple(dict.fromkeys(one.text.partition(": ")[0] for one in signals.events if one.kind == "operator")),
         control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
         parameters_sha256=parameters,
@@ -270,7 +271,7 @@ def assemble(
         gaps=tuple(Gap(begin_s=begin, duration_s=length) for begin, length in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
-        phases=tuple(_phases(course, procedure)),
+        phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
     )
     return record, course
 
@@ -314,10 +315,6 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
             continue
         found[name] = tuning_sha256(values)
     return found
-
-
-def _who(event: WeldEvent) -> str:
-    return event.text.partition(": ")[0]
 
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
@@ -373,11 +370,6 @@ def _events(signals: WeldSignals, course: Course) -> list[Event]:
         angles.append(angle if np.isfinite(angle) else None)
     rows = sorted(zip(found, angles, strict=True), key=lambda row: row[0])
     return [Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
-
-
-def _phases(course: Course, procedure: Procedure) -> list[PhaseRecord]:
-    spans = [(name, ticks) for name, ticks in course.spans() if name]
-    return [_phase(course, procedure, name, ticks) for name, ticks in [*spans, ("whole weld", slice(None))]]
 
 
 def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:
