@@ -14,16 +14,14 @@ from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_control.units import KW_PER_NM_RPM
+from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
+from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
 from fsw_recorder.errors import BagError
 
 #: more cannot be distinguished on one chart
 MOST_BAGS = 2
-#: stamps below this are of simulated time, which begins at 0 [s]
-_SIMULATED_S = 1e8
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +61,11 @@ def view(signals: WeldSignals, name: str) -> BagView:
     except BagError as error:
         parameters = {}
         problems.append(f"{error}: interlocks are not drawn")
-    start_s = float(signals.stamp_ns[0]) * 1e-9
+    start_ns = int(signals.stamp_ns[0])
     summary = {
         "name": name,
         "duration_s": round(float(signals.time_s[-1]), 3),
-        "start_s": round(start_s, 3) if start_s > _SIMULATED_S else None,
+        "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
         "events": [asdict(one) | {"time_s": round(one.time_s, 3)} for one in signals.events],

@@ -48,6 +48,11 @@ class Course:
         """Samples that are not known, by variable."""
         return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
 
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Whose commands were applied, in order of time."""
+        return tuple(dict.fromkeys(str(one) for one in self.source if one))
+
     def spans(self) -> list[tuple[str, slice]]:
         """Ticks of each phase, in order of time."""
         begins = [0, *(np.flatnonzero(self.phase[1:] != self.phase[:-1]) + 1).tolist()]

@@ -68,9 +68,8 @@ def row(
     course = course_of(signals)
     found: Row = {"weld": name, **{key: identity.get(key, "") for key in IDENTITY}, "verdict": verdict}
     found[FILES] = ",".join(files_sha256)
-    found["controllers"] = ", ".join(dict.fromkeys(str(one) for one in course.source if one))
-    actions = [one for one in signals.events if one.kind == "operator"]
-    found["operators"] = ", ".join(dict.fromkeys(one.text.partition(": ")[0] for one in actions))
+    found["controllers"] = ", ".join(course.controllers)
+    found["operators"] = ", ".join(signals.operators)
     sources = course.source[course.source != ""]
     found |= {
         "start_ns": int(signals.stamp_ns[0]),
@@ -78,7 +77,7 @@ def row(
         "alarm_kinds": ", ".join(dict.fromkeys(one.finding.kind for one in watched.alarms)),
         "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.cause}" for one in watched.alarms),
         "swaps": int(np.sum(sources[1:] != sources[:-1])),
-        "operator_actions": len(actions),
+        "operator_actions": sum(one.kind == "operator" for one in signals.events),
         "duration_s": float(course.time_s[-1] - course.time_s[0]),
         "torque_nm": watched.gains["torque"][0] * TORQUE_NM if "torque" in watched.gains else nan,
         "power_kw": _mean(course.values["power_kw"]),

@@ -13,7 +13,7 @@ from pydantic import Strict
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
+from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldEvent, WeldSignals
 from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
@@ -31,8 +31,6 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import mapped, sha256
 from fsw_schema.models import Many, Model
 
-#: stamps below this are of simulated time
-_SIMULATED_NS = NANOSECONDS * 10**8
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
 #: node that watches the procedure, and where it tells what it finds
@@ -239,7 +237,7 @@ def assemble(
         problems=tuple(signals.problems),
         lost=int(lost) if lost.isdecimal() else None,
         has_states=bool(signals.counts.get("/fsw/supervisor/state")),
-        stamp_ns=None if start_ns < _SIMULATED_NS else start_ns,
+        stamp_ns=None if start_ns < SIMULATED_NS else start_ns,
         parameters=parameters,
         unusable=unusable_samples(course),
     )
@@ -258,8 +256,8 @@ def assemble(
         start_ns=start_ns,
         simulated_time=evidence.stamp_ns is None,
         duration_s=course.time_s[-1] - course.time_s[0],
-        controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
-        operators=tuple(dict.fromkeys(one.text.partition(": ")[0] for one in signals.events if one.kind == "operator")),
+        controllers=course.controllers,
+        operators=signals.operators,
         control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
         parameters_sha256=parameters,
