@@ -1,5 +1,6 @@
 """The welding procedure: what is refused, and where the shipped one has its figures from."""
 
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,12 @@ def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
     assert procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == one.sha256
     values["essential"][0]["max"] += 1e-9
     assert procedure.load(written(tmp_path, values)).sha256 != one.sha256
+
+
+def test_dates_may_be_written_without_quotes(tmp_path: Path) -> None:
+    values = content()
+    values["date"] = date.fromisoformat(values["date"])
+    assert procedure.load(written(tmp_path, values)).identity == procedure.load("copper_lid").identity
 
 
 def test_differences_name_what_changed() -> None:
