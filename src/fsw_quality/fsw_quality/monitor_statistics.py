@@ -7,8 +7,6 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from fsw_analysis.weld_signals import FloatArray
 
@@ -109,8 +107,13 @@ def harris_index(errors: FloatArray, delay: int) -> float:
         return 1.0
     covariance = np.array([float(centred[lag:] @ centred[: n - lag]) for lag in range(_ORDER + 1)]) / n
     covariance[0] *= 1.0 + 1e-9
-    weights = solve_toeplitz(covariance[:-1], covariance[1:])
-    impulse = lfilter([1.0], [1.0, *-weights], np.eye(1, delay)[0])
+    lags = np.arange(_ORDER)
+    weights = np.linalg.solve(covariance[np.abs(lags[:, None] - lags)], covariance[1:])
+    impulse = np.zeros(delay)
+    impulse[:1] = 1.0
+    for i in range(1, delay):
+        reach = min(i, _ORDER)
+        impulse[i] = float(weights[:reach] @ impulse[i - 1 :: -1][:reach])
     innovation = max(float(covariance[0] - weights @ covariance[1:]), 0.0)
     return min(innovation * float(impulse @ impulse) / (power / n), 1.0)
 
