@@ -126,13 +126,16 @@ def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """What set-points may be asked for, as far as the trips are known; ``parameters`` as for :func:`limits`."""
-    found: dict[str, Any] = dict(REFERENCE)
+    found: dict[str, Any] = {
+        "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
+        "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
+    }
     for quantity, step in _STEPS.items():
-        low, high = REFERENCE[quantity]
+        allowed = _QUANTITIES[quantity][0]
         under, over = _interlocks(quantity, "trip", parameters)
         found[quantity] = [
-            low if under is None else max(low, round(under + step, 6)),
-            high if over is None else min(high, round(over - step, 6)),
+            allowed.low if under is None else max(allowed.low, round(under + step, 6)),
+            allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
     return found
 
@@ -141,13 +144,6 @@ def _range(allowed: Range) -> dict[str, Any]:
     return {"unit": readable(allowed.unit).replace("N m", "N·m"), "min": allowed.low, "max": allowed.high}
 
 
-#: what set-points may be asked for
-REFERENCE: dict[str, Any] = {
-    "depth_mm": [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high],
-    "temperature_c": [REFERENCE_TEMPERATURE_C.low, REFERENCE_TEMPERATURE_C.high],
-    "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
-    "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
-}
 #: what the emulated plant can be asked for
 EMULATOR = {
     "disturbances": {
