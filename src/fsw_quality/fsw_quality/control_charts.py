@@ -72,7 +72,6 @@ def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
 class Trend:
     """A straight line through a tool's welds, and when it reaches a limit."""
 
-    start: float
     per_weld: float
     interval: tuple[float, float]  #: of the slope, 95 %
     #: welds since the tool was new at which the limit is reached: soonest, expected, latest; infinite without a trend
@@ -94,7 +93,7 @@ def trend(values: FloatArray, rise: float) -> Trend | None:
         return None
     line = stats.linregress(known.astype(np.float64), values[known])
     half = float(stats.t.ppf(0.975, known.size - 2)) * float(line.stderr)
-    slope, start = float(line.slope), float(line.intercept)
+    slope = float(line.slope)
     middle = float(known.mean())
     left = rise - slope * middle
 
@@ -102,4 +101,4 @@ def trend(values: FloatArray, rise: float) -> Trend | None:
         return middle + left / per_weld if per_weld > 0.0 else float("inf")
 
     life = (reached(slope + half), reached(slope), reached(slope - half))
-    return Trend(start, slope, (slope - half, slope + half), life)
+    return Trend(slope, (slope - half, slope + half), life)

@@ -34,7 +34,6 @@ class Watched:
     time_s: list[float] = field(default_factory=list)  #: of the figures, once a second
     figures: list[dict[str, float]] = field(default_factory=list)
     gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: surest of each, with standard error
-    levels: dict[str, float] = field(default_factory=dict)  #: the last
 
     def largest(self) -> dict[str, float]:
         """Largest value of each figure."""
@@ -93,7 +92,6 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
             _note(found, present, monitor, sample.time_s)
         if progress is not None and tick % _PROGRESS_TICKS == 0:
             progress(tick / signals.n_ticks)
-    found.levels = dict(monitor.levels)
     return found
 
 

@@ -125,7 +125,7 @@ class LoopWatch:
         self.name = name
         self._delay = max(1, round(dead_time_s / (self.EVERY * TICK_S)) + 1)
         self._window, self._sum, self._n = Window(self.SIZE), 0.0, 0
-        self.period_s = self.amplitude = nan
+        self.period_s = nan
 
     def push(self, error: float) -> None:
         """Take the error; NaN without a set-point."""
@@ -143,7 +143,7 @@ class LoopWatch:
             return {}
         errors = self._window.values()
         swing = oscillation(errors, step_s)
-        self.period_s, self.amplitude = swing.period_s, swing.amplitude
+        self.period_s = swing.period_s
         found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * noise else 0.0}
         # a loop whose error is the sensor's noise cannot be better
         at_best = float(errors.var()) < 4.0 * noise**2 / self.EVERY
