@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import COLOURS, STYLE
-from fsw_analysis.html_page import page, source
+from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
 from fsw_identification.statistics import LAGS, Judgement

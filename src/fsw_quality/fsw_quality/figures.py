@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from fsw_analysis.figure_style import STYLE
-from fsw_analysis.html_page import png
+from fsw_analysis.report import png
 from fsw_quality.course import Course
 from fsw_quality.exceedances import Exceedance
 from fsw_quality.procedure import Kind, Procedure

@@ -13,7 +13,7 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import STYLE
-from fsw_analysis.html_page import page, png, source
+from fsw_analysis.report import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
 from fsw_schema.files import write_whole

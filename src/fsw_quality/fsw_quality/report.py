@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib
 
-from fsw_analysis.html_page import page, source
+from fsw_analysis.report import page, source
 from fsw_quality import figures
 from fsw_quality.course import Course
 from fsw_quality.procedure import Procedure
