@@ -58,7 +58,7 @@ def test_a_plant_that_cannot_run_is_left_out():
 def test_the_columns_differ_only_in_what_they_are_named_for():
     with study.controllers() as made:
         fixed, adaptive = (make(*made[name]).settings.tuning for name in (study.FIXED, study.ADAPTIVE))
-    still = {"thermal_gain_walk": 0.0, "delay_walk_s": 0.0}
+    still = {"thermal_gain_walk": 0.0, "delay_walk_s": 0.0, "heat_sigmas": 0.0}
     assert adaptive.estimator.changed(**still) == fixed.estimator != adaptive.estimator
     assert adaptive.changed(estimator=fixed.estimator) == fixed
 
