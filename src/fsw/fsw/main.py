@@ -11,7 +11,7 @@ from fsw import __version__
 from fsw.console import program
 from fsw.errors import exit_code
 
-#: modules of the commands for a running weld, in the order of the help
+#: the commands for a running weld, in the order of the help
 RUNNING = (
     "status",
     "reference",
@@ -22,7 +22,7 @@ RUNNING = (
     "mode",
     "acknowledge",
     "weld",
-    "params",
+    "param",
     "lifecycle",
     "hmi",
 )
@@ -45,12 +45,15 @@ _COMMANDS = (
 #: modules of the commands whose name is that of a function of the package
 _MODULES = {
     name: f"{name}_command" for name in ("simulate", "campaign", "model", "export", "identify", "tune", "record")
-}
+} | {"param": "params"}
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "export", "verify", "shadow", "keygen", "attest", "verify-evidence")
 
 
-def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
-    """The whole command line; ``name`` is what the user has typed, ``fsw`` where the package is installed."""
+def parser(name: str = "fsw.py", only: str = "") -> argparse.ArgumentParser:
+    """The whole command line, or that of one command: modules of the others need not be imported.
+
+    ``name`` is what the user has typed, ``fsw`` where the package is installed.
+    """
     whole = argparse.ArgumentParser(
         prog=name,
         description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
@@ -59,7 +62,10 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _COMMANDS:
-        import_module(f"fsw.{_MODULES.get(name, name)}").add_command(commands)
+        if only in (name, ""):
+            import_module(f"fsw.{_MODULES.get(name, name)}").add_command(commands)
+    if only not in ("bag", ""):
+        return whole
     bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
@@ -69,7 +75,9 @@ def parser(name: str = "fsw.py") -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
-    parsed = parser(program()).parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else [*arguments]
+    only = words[0] if words and words[0] in (*_COMMANDS, "bag") else ""
+    parsed = parser(program(), only).parse_args(words)
     return exit_code(lambda: int(parsed.run(parsed)))
 
 

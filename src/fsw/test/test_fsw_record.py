@@ -106,19 +106,16 @@ def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytes
 
 
 @pytest.mark.slow
-def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With limits that the whole weld keeps."""
-    asked = with_changes(tmp_path, quality=[])
-    assert run(recorded, "--procedure", asked, "--out", tmp_path / "whole") == 0
-    assert "ACCEPT" in capsys.readouterr().out
+def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None:
+    """With limits that the whole weld keeps, see the next test."""
+    asked = procedure.load(with_changes(tmp_path, quality=[]))
     data = (recorded / "bag_0.mcap").read_bytes()
     for share in (0.5, 0.8, 0.999):
         cut = tmp_path / f"cut_{share}.mcap"
         cut.write_bytes(data[: int(share * len(data))])
-        assert run(cut, "--procedure", asked, "--out", tmp_path / f"cut_{share}") == 0
-        found = json.loads((tmp_path / f"cut_{share}" / "record.json").read_text(encoding="utf-8"))
-        assert found["verdict"] != "accept"
-        assert any("not finished" in one for one in found["cannot_say"])
+        found = make(cut, asked)[0]
+        assert found.verdict != "accept"
+        assert any("not finished" in one for one in found.cannot_say)
 
 
 @pytest.mark.slow
@@ -130,7 +127,7 @@ def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path
     unharmed = make(bag, asked)[0]
     assert unharmed.verdict == "accept"
     random = Random(26)
-    for _ in range(40):
+    for _ in range(12):
         at = random.randrange(len(data))
         (bag / "bag_0.mcap").write_bytes(data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :])
         try:
