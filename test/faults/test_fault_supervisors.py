@@ -90,13 +90,14 @@ def test_the_standby_falls_silent(launch, table, number):
     outcome.assert_steady()
     outcome.assert_sources("decentral")
     assert weld.role(standby) == "standby"
+    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
     table.add("standby killed, or stopped and continued", "–", "none needed", outcome)
 
 
 @pytest.mark.requirement("S24")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_recorder_falls_silent(steps, table, number):
-    weld = steps
+def test_the_recorder_falls_silent(launch, table, number):
+    weld = launch(lockstep=True, standby=True)
     weld.restore()
     weld.record()
     first = weld.switch("decentral")
