@@ -17,7 +17,7 @@ from fsw_hmi.control_room import LOST
 from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.graph import STANDBY
-from fsw_scenario.launcher import Launcher
+from fsw_scenario.launcher import ABORTED, Launcher
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.bags import decode
 from fsw_test_support.page_client import Page
@@ -257,6 +257,11 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     page.until("tick", lambda _: page.value("reference_temperature_c") == 825.0)
     assert page.ask("weld", action="abort")["outcome"] == "done"
     weld.until(lambda: not weld.launcher.children["scenario"].running, "the end of the player")
+    assert weld.launcher.children["scenario"].process.returncode == ABORTED
+    weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
+    count = len(weld.commands)
+    weld.until(lambda: len(weld.commands) >= count + 20, "two seconds more of the weld")
+    assert weld.mode() == "safe_stop"
     weld.until(lambda: recorded_actions(graph.bag)[-1][0] == "weld abort", "the record")
     weld.launcher.stop("recorder")
     # on a busy machine the page may be taken for gone while nothing reads it
