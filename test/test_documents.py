@@ -8,6 +8,7 @@ import re
 import shlex
 import sys
 from contextlib import redirect_stderr
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -27,10 +28,10 @@ PAGES = [
     *sorted((WORKSPACE / "studies").glob("*/README.md")),
 ]
 PARSERS = {
-    "fsw.py": operator_parser,
-    "demo.py": demo_parser,
-    "run_hmi.py": hmi_parser,
-    "run_machine_server.py": machine_server_parser,
+    "fsw.py": cache(operator_parser),
+    "demo.py": cache(demo_parser),
+    "run_hmi.py": cache(hmi_parser),
+    "run_machine_server.py": cache(machine_server_parser),
 }
 PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
@@ -50,6 +51,7 @@ def commands() -> list[tuple[str, str]]:
     return sorted(set(found))
 
 
+@cache
 def parameters() -> set[str]:
     """Names of the parameters of all nodes."""
     names = {"use_sim_time"}
@@ -137,7 +139,7 @@ def load(name: str) -> ModuleType:
     return module
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def safety_case() -> ModuleType:
     return load("safety_case")
 

@@ -12,6 +12,10 @@ import pytest
 import yaml
 
 from fsw.main import main
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.kpi import compute
+from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.signals import load_weld
 from fsw_quality import procedure
 from fsw_quality.attestation import manifest_for
 from fsw_quality.record import Record, make
@@ -61,9 +65,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = folder / "short_weld.yaml"
     scenario.write_text(yaml.safe_dump(SCENARIO, sort_keys=False), encoding="utf-8")
     words = ["simulate", str(scenario), "--bag", "--procedure", str(with_changes(folder)), "--no-figures"]
+    words += ["--controller", "decentral:tight"]
     words += ["--identity", "canister=C-1", "--identity", "tool=T-4"]
     assert main([*words, "--out", str(folder / "out")]) == 0
-    bag = folder / "out" / "graph_decentral" / "bag"
+    bag = folder / "out" / "graph_decentral_tight" / "bag"
     wait_until((bag / "on_finished.log").exists, "the record that is written by itself")
     return bag
 
@@ -78,6 +83,17 @@ def test_the_record_is_written_by_itself(recorded: Path) -> None:
     assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(found.attachments_sha256)
     assert "code of fsw_supervisor" in found.software
     assert not [one for one in found.events if one.kind == "deviation"]
+
+
+@pytest.mark.slow
+def test_the_bag_is_of_the_weld_that_was_simulated(recorded: Path) -> None:
+    """With the same variant of the controller, which the figures of merit show."""
+    (offline,) = json.loads((recorded.parent.parent / "kpi.json").read_text(encoding="utf-8"))
+    bag = compute(cut_to_scenario(load_weld(recorded)))
+    assert sum(offline[key] is not None for key in ROWS) > 5
+    for key in ROWS:
+        expected = offline[key]
+        assert bag[key] == (expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)), key
 
 
 @pytest.mark.slow
