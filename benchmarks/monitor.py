@@ -25,10 +25,9 @@ if __name__ == "__main__":
 
 import numpy as np
 import yaml
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from report import parser, save, show
-from scipy.stats import binomtest
 
+from fsw_analysis.report import templates, wilson
 from fsw_plant import PlantConfig
 from fsw_plant.actuators import Actuator
 from fsw_quality.diagnosis import Limits, load_limits
@@ -360,8 +359,7 @@ def main():
         bad = [row for row in free if row["false"]]
         figures[f"{process}_welds_without_fault"] = len(free)
         figures[f"{process}_welds_with_false_alarm"] = len(bad)
-        most = binomtest(len(bad), len(free)).proportion_ci(0.95, method="wilson").high
-        figures[f"{process}_false_alarm_most_percent"] = 100.0 * float(most)
+        figures[f"{process}_false_alarm_most_percent"] = 100.0 * wilson(len(bad), len(free))[1]
         figures[f"{process}_false_alarms"] = ", ".join(sorted({kind for row in bad for kind in row["false"]}))
         tables[process] = {case: summary(rows, process, case) for case in CASES}
         for case, found in tables[process].items():
@@ -369,14 +367,10 @@ def main():
     show(figures)
     save(figures, chosen.json)
     if not quick:
-        environment = Environment(
-            loader=FileSystemLoader(Path(__file__).parent),
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        text = environment.get_template("monitor.md.j2").render(
-            figures=figures, tables=tables, limits=limits, aims=AIMS_S
+        text = (
+            templates(Path(__file__).parent)
+            .get_template("monitor.md.j2")
+            .render(figures=figures, tables=tables, limits=limits, aims=AIMS_S)
         )
         chosen.page.write_text(text, encoding="utf-8")
 

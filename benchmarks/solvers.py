@@ -21,8 +21,9 @@ if __name__ == "__main__":
 
     ensure()
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
+
+from fsw_analysis.report import templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
 NAMES = {
@@ -73,6 +74,11 @@ def nlp_rows(figures: dict[str, Any]) -> list[Row]:
     return sorted(rows, key=lambda row: row.ratio or float("inf"))
 
 
+def faster(rows: list[Row]) -> list[str]:
+    """Names of the solvers that took less time than this project's."""
+    return [row.name for row in rows if row.ratio is not None and row.ratio < 1.0]
+
+
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
     """Cost excess against time, a panel for each problem."""
     figure = Figure(figsize=(12, 4), layout="constrained")
@@ -113,12 +119,10 @@ def main() -> int:
         "nonlinear problem, cold": nlp_rows(nlp),
     }
     draw(tables, parsed.page.with_suffix(".png"))
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = templates(Path(__file__).parent)
     environment.filters["number"] = number
     quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
-    text = environment.get_template("solvers.md.j2").render(tables=tables, qp=qp, nlp=nlp, quick=quick)
+    text = environment.get_template("solvers.md.j2").render(tables=tables, faster=faster, qp=qp, nlp=nlp, quick=quick)
     parsed.page.write_text(text, encoding="utf-8")
     return 0
 

@@ -35,7 +35,6 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 from fsw.demo import parser as demo_parser
-from fsw.main import RUNNING
 from fsw.main import parser as operator_parser
 from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
@@ -283,7 +282,7 @@ def command_line() -> dict[str, str]:
     """All commands with their arguments: pages of the verbs for a running weld, its nodes, bags, and of the rest."""
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
     nodes = ("param", "lifecycle", "hmi")
-    running = tuple(one for one in list(verbs)[: len(RUNNING)] if one not in nodes)  # each module adds one
+    running = ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld")
     running = (*running, "commission")
     quality = ("procedure", "record", "monitor", "history")
     whole = ("demo", "node", "completion")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import json
 import re
 import shlex
 import sys
@@ -219,3 +220,35 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatc
     assert build_docs.with_rows(page) == page
     with pytest.raises(SystemExit, match="no such row"):
         build_docs.with_rows(page.replace("IAE depth -->", "IAE depth; no such row -->"))
+
+
+def test_the_page_of_solvers_says_by_its_figures_which_are_faster(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = importlib.util.spec_from_file_location("solvers", WORKSPACE / "benchmarks" / "solvers.py")
+    assert spec and spec.loader
+    solvers = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(solvers)
+    qp: dict[str, float | None] = {}
+    for preset, ratio in (("default", 0.8), ("paper", 3.0)):
+        qp |= {f"{preset}_{name}": 0.05 for name in ("own_ms", "daqp_ms", "daqp_warm_ms", "prediction_ms")}
+        qp |= {f"{preset}_problems": 4, f"{preset}_excess_own": 1e-9, f"{preset}_excess_daqp": 1e-12}
+        qp |= {f"{preset}_unsolved_daqp": 0, f"{preset}_ratio_daqp": ratio, f"{preset}_unsolved_osqp": 4}
+    nlp = {"solve_rti108_ms": 1.7, "cost_excess_rti108": 1e-7, "ratio_problems": 4, "unsolved_fatrop": 4}
+    nlp |= {
+        "solve_ipopt_ms": 357.0,
+        "ratio_ipopt": 210.0,
+        "cost_excess_ipopt": 1e-5,
+        "solve_fatrop_ms": None,
+        "ratio_fatrop": None,
+    }
+    for name, figures in (("qp", qp), ("nlp", nlp)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(figures), encoding="utf-8")
+    page = tmp_path / "page.md"
+    files = [str(tmp_path / "qp.json"), str(tmp_path / "nlp.json")]
+    monkeypatch.setattr(sys, "argv", ["solvers.py", *files, "--page", str(page)])
+    assert solvers.main() == 0
+    text = page.read_text(encoding="utf-8")
+    assert re.findall("Faster than this project's: (.*)", text) == ["DAQP.", "none.", "none."]
+    assert "| OSQP | – | – | – | – | – | 4 |" in text and "| IPOPT | 357 |" in text
+    assert page.with_suffix(".png").stat().st_size > 5_000

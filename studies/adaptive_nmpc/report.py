@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
 from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
-from controller_comparison.report import margin_rows, table
+from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import STYLE, colours_of
 from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.report import table, templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
@@ -121,7 +121,6 @@ def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
 
 def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), keep_trailing_newline=True)
     plants = ran(data["random"])
     swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
     tables = {
@@ -136,15 +135,19 @@ def page(data: Mapping[str, Any]) -> str:
         "margins": margin_rows(data["margins"]),
     }
     tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
-    return environment.get_template("adaptive.md.j2").render(
-        tables,
-        plants=len(plants),
-        seed=SEED,
-        swings=swings,
-        adaptive=ADAPTIVE,
-        tolerated=TOLERATED,
-        lost=sum(int((ratio(plants, ADAPTIVE, [FIXED], key) > TOLERATED).sum()) for key in figures(plants)),
-        compared=len(plants) * len(figures(plants)),
+    return (
+        templates(Path(__file__).parent)
+        .get_template("adaptive.md.j2")
+        .render(
+            tables,
+            plants=len(plants),
+            seed=SEED,
+            swings=swings,
+            adaptive=ADAPTIVE,
+            tolerated=TOLERATED,
+            lost=sum(int((ratio(plants, ADAPTIVE, [FIXED], key) > TOLERATED).sum()) for key in figures(plants)),
+            compared=len(plants) * len(figures(plants)),
+        )
     )
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
-from fsw_analysis.figure_style import COLOURS, STYLE, colours_of
+from fsw_analysis.figure_style import COLOURS, STYLE, colours_of, shade_phases
+from fsw_analysis.report import table, templates, wilson
 from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
 
@@ -50,12 +50,6 @@ _LINES: dict[str, dict[str, Any]] = {
 _SHOWN = 4
 #: figures that are for the length of a phase; of these the mean is shown, of the others the median
 _PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
-
-
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Markdown of a table; the first row is its header."""
-    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([header, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -151,12 +145,10 @@ def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
 
 def _counted(good: int, welds: int) -> str:
     """A share as a count, and its Wilson interval of 95 %."""
-    from scipy.stats import binomtest
-
     if not welds:
         return "-"
-    interval = binomtest(good, welds).proportion_ci(0.95, method="wilson")
-    return f"{good} of {welds}, {100 * interval.low:.0f} to {100 * interval.high:.0f} %"
+    low, high = wilson(good, welds)
+    return f"{good} of {welds}, {100 * low:.0f} to {100 * high:.0f} %"
 
 
 def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
@@ -289,8 +281,7 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         wrong.set(ylabel="°C", ylim=(-0.55, 0.55))
         for axis in (power, wrong):
             axis.set_xlim(min(reduced["minutes"]) - 0.5, max(reduced["minutes"]) + 0.5)
-            for number, (begin, end) in enumerate(weld["phases_s"].values()):
-                axis.axvspan(begin / 60.0, end / 60.0, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+        shade_phases((power, wrong), [(begin / 60.0, end / 60.0) for begin, end in weld["phases_s"].values()])
         for name, (begin, end) in weld["phases_s"].items():
             if end - begin > _NAMED_S:
                 power.annotate(
@@ -341,7 +332,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
 
     Each with its figure.
     """
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True)
+    pages = templates(Path(__file__).parent)
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
     functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
     functions += [coppers, compacts, worst_copper, decoupled]
@@ -351,7 +342,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     }
     written = []
     for name, picture in pictures.items():
-        text = environment.get_template(f"{name}.md.j2").render(
+        text = pages.get_template(f"{name}.md.j2").render(
             **data, limits=limits, tolerance_k=TOLERANCE_K, **{one.__name__: one for one in functions}
         )
         page, figure = folder / f"{name}.md", folder / f"{name}.png"

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 
 from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, TOLERANCE, VARIATIONS, ratios
+from fsw_analysis.report import table, templates
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
 from fsw_scenario.standard_runs import JUDGED, failed
 
@@ -19,12 +19,6 @@ Rows = list[list[str]]
 PAGES = {"README": "nominal", "other-processes": "sweep", "other-models": "other_models", "losses": "wins"}
 #: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
-
-
-def table(rows: Rows) -> str:
-    """Markdown of a table; the first row is its header."""
-    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([header, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
 
 
 def _iae(found: Mapping[str, Any], event: str) -> str:
@@ -157,9 +151,7 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
 
 def pages(data: Mapping[str, Any]) -> dict[str, str]:
     """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
+    environment = templates(Path(__file__).parent)
     functions = (errors, other_output, totals, sweep_rows, worse, margin_rows, knob_rows, random_rows, loss_rows)
     environment.globals |= {function.__name__: function for function in (*functions, table, failed, ratios, quantiles)}
     environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
@@ -167,8 +159,9 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         "default": DEFAULT,
         "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
     }
+    parts = {**dict.fromkeys(("bounds", "margins", "other_models", "random", "wins")), **data}
     return {
-        f"{name}.md": environment.get_template(f"{name}.md.j2").render(data)
+        f"{name}.md": environment.get_template(f"{name}.md.j2").render(parts)
         for name, part in PAGES.items()
         if part in data
     }

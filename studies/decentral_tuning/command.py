@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fsw_decentral
+from fsw.command import FORCE
 from fsw.console import print_table
 from fsw.errors import exit_code
-from fsw.options import add_force
 from fsw.outputs import check_new, write_json, write_text
 from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write gains and figures as JSON")
-    add_force(parser)
+    FORCE(parser)
     parsed = parser.parse_args(arguments)
     if parsed.write and (parsed.model or parsed.check):
         parser.error("--write is for gains searched for on the paper's process: leave out --model and --check")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from math import nan, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
@@ -40,35 +42,8 @@ _REPORT = 10
 _MANY = 20_000
 #: what an operator did: tick, and the fields of the message
 Actions = Mapping[int, Mapping[str, str]]
-#: topic and fields of a message
-Told = tuple[str, dict[str, Any]]
-
-
-class _Types:
-    """Serializes messages; what is not given is zero or empty."""
-
-    def __init__(self) -> None:
-        definitions = Definitions()
-        self._stores = {kind: definitions.typestore(kind, interface_definition(kind)) for kind in TOPICS.values()}
-        self._empty = {kind: self._arguments(store, kind) for kind, store in self._stores.items()}
-
-    def _arguments(self, store: Any, kind: str) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, (node, detail) in store.fielddefs[kind][1]:
-            if node.name == "NAME":
-                found[name] = store.types[detail](**self._arguments(store, detail))
-            elif node.name == "BASE":
-                found[name] = {"string": "", "bool": False}.get(detail[0], 0)
-            else:
-                found[name] = []
-        return found
-
-    def data(self, kind: str, stamp_ns: int, values: Mapping[str, Any]) -> bytes:
-        """A message with the stamp of its tick."""
-        store = self._stores[kind]
-        stamp = store.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NANOSECONDS))
-        header = store.types["std_msgs/msg/Header"](stamp, "")
-        return bytes(store.serialize_cdr(store.types[kind](**{**self._empty[kind], **values, "header": header}), kind))
+#: fields of a topic's messages by tick
+Rows = Sequence[Mapping[str, Any]]
 
 
 @cache
@@ -117,8 +92,9 @@ def write(
     fsw_recorder.errors.BagError
         The folder exists or cannot be written.
     """
-    types, began_ns, count = _Types(), time.time_ns(), 0
-    stamps = signals.stamp_ns.tolist()
+    definitions, began_ns, count = Definitions(), time.time_ns(), 0
+    texts = {kind: interface_definition(kind) for kind in TOPICS.values()}
+    tables = list(_tables(scenario, signals))
     with BagWriter(
         folder, WriterOptions(compression="zstd", manifest=True), {**custom, "lost_messages": "0"}
     ) as writer:
@@ -129,10 +105,15 @@ def write(
         for name, values in parameters.items():
             text = yaml.safe_dump({f"/fsw_{name}": {"ros__parameters": dict(values)}})
             writer.attach(f"parameters/fsw_{name}.yaml", "application/yaml", text.encode())
-        for tick, told in enumerate(_told(scenario, signals, actions)):
-            log_ns = began_ns + (tick + 1) * TICK_NS
-            for name, fields_of in told:
-                writer.write(name, types.data(TOPICS[name], stamps[tick], fields_of), log_ns, log_ns)
+        for tick, stamp_ns in enumerate(signals.stamp_ns.tolist()):
+            sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+            header, log_ns = {"stamp": {"sec": sec, "nanosec": nanosec}}, began_ns + (tick + 1) * TICK_NS
+            told = [(topic, rows[tick]) for topic, rows, is_told in tables if is_told[tick]]
+            told += [("/fsw/operator_action", actions[tick])] if tick in actions else []
+            for topic, values in told:
+                kind = TOPICS[topic]
+                data = definitions.encode(kind, texts[kind], {**values, "header": header})
+                writer.write(topic, data, log_ns, log_ns)
                 count += 1
                 if count % _MANY == 0:
                     writer.flush(60.0)
@@ -140,132 +121,68 @@ def write(
         raise writer.error
 
 
-def _told(scenario: Scenario, signals: WeldSignals, actions: Actions) -> Iterator[list[Told]]:
-    """The messages of each tick."""
-    makers: tuple[Callable[[int], list[Told]], ...] = (
-        _of_references(signals),
-        _of_sensors(signals),
-        _of_commands(signals),
-        _of_states(signals),
-        _of_programme(scenario, signals),
+def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Rows, Sequence[bool]]]:
+    """Topics, the fields of their messages by tick, and at which ticks there is one."""
+    points = _rows(depth=signals.reference_depth_mm / MM, temperature=signals.reference_temperature_c)
+    yield "/fsw/reference", points, _changed(points, every=signals.n_ticks)
+    for topic, rows in _sensors(signals).items():  # a sample that did not come is no message
+        yield topic, rows, [all(value == value for value in row.values()) for row in rows]
+    commands = _rows(
+        axial_force=n_from_kn(1.0) * signals.force_kn,
+        spindle_speed=RAD_PER_S_PER_RPM * signals.speed_rpm,
+        source=signals.command_source,
+        healthy=np.full(signals.n_ticks, True),
+        reason=signals.command_reason,
     )
-    for tick in range(signals.n_ticks):
-        told = [one for make in makers for one in make(tick)]
-        if (action := actions.get(tick)) is not None:
-            told.append(("/fsw/operator_action", dict(action)))
-        yield told
+    yield "/fsw/command", commands, [True] * signals.n_ticks
+    states = _rows(
+        actual_controller=signals.actual_controller,
+        target_controller=signals.actual_controller,
+        actual_mode=signals.actual_mode,
+        target_mode=signals.actual_mode,
+    )
+    by = [{"requested_by": "start" if row == states[0] else "operator (topic)"} for row in states]
+    yield "/fsw/supervisor/state", [{**row, **who} for row, who in zip(states, by, strict=True)], _changed(states)
+    programme = _rows(depth=signals.programme_depth_mm / MM, temperature=signals.programme_temperature_c)
+    told = progress(scenario, signals)
+    reports = [
+        {"state": str(now.state), "phase": now.phase, **point, "left": point != in_force}
+        for now, point, in_force in zip(told, programme, points, strict=True)
+    ]
+    places = [
+        {"angle": radians(now.angle_deg), "length": m_from_mm(now.length_mm), "time_left": now.time_left_s}
+        for now in told
+    ]
+    rows = [{**report, **place} for report, place in zip(reports, places, strict=True)]
+    yield "/fsw/weld_progress", rows, _changed(reports)
 
 
-def _of_references(signals: WeldSignals) -> Callable[[int], list[Told]]:
-    rows = list(zip(signals.reference_depth_mm.tolist(), signals.reference_temperature_c.tolist(), strict=True))
-
-    def make(tick: int) -> list[Told]:
-        if tick and rows[tick] == rows[tick - 1]:
-            return []
-        return [("/fsw/reference", {"depth": m_from_mm(rows[tick][0]), "temperature": rows[tick][1]})]
-
-    return make
+def _rows(**columns: NDArray[Any]) -> Rows:
+    values = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in values]
 
 
-def _of_sensors(signals: WeldSignals) -> Callable[[int], list[Told]]:
+def _changed(rows: Rows, every: int = _REPORT) -> list[bool]:
+    """At which ticks a message is new, or told again."""
+    return [tick % every == 0 or row != rows[tick - 1] for tick, row in enumerate(rows)]
+
+
+def _sensors(signals: WeldSignals) -> dict[str, Rows]:
     drives, truth = signals.drives, signals.truth
     assert drives is not None and truth is not None
-    columns = {
-        "/fsw/depth": {"depth": signals.depth_mm / MM},
-        "/fsw/spindle_torque": {"torque": signals.torque_nm},
-        "/fsw/thermocouple": {"temperature": signals.temperature_c},
-        "/fsw/drives": {
-            "axial_force": n_from_kn(1.0) * drives.force_kn,
-            "spindle_speed": RAD_PER_S_PER_RPM * drives.speed_rpm,
-        },
-        "/fsw/plant/truth": {
-            one.metadata["path"]: getattr(truth, one.name) / one.metadata["factor"]
-            for one in fields(TruthSignals)
-            if one.metadata["kind"] == "number"
-        },
+    numbers = {
+        one.metadata["path"]: getattr(truth, one.name) / one.metadata["factor"]
+        for one in fields(TruthSignals)
+        if one.metadata["kind"] == "number"
     }
-    rows = {topic: {key: one.tolist() for key, one in of.items()} for topic, of in columns.items()}
-    for key in ("watchdog", "refused_commands"):
-        rows["/fsw/plant/truth"][key] = [int(one) for one in rows["/fsw/plant/truth"][key]]
-    rows["/fsw/plant/truth"]["active_faults"] = [one.split(",") if one else [] for one in truth.active_faults]
-    known = {topic: signals_of for topic, signals_of in rows.items()}
-
-    def make(tick: int) -> list[Told]:
-        told = [(topic, {key: one[tick] for key, one in of.items()}) for topic, of in known.items()]
-        # a sample that did not come is no message
-        return [one for one in told if all(value == value for value in one[1].values())]
-
-    return make
-
-
-def _of_commands(signals: WeldSignals) -> Callable[[int], list[Told]]:
-    columns = (
-        (n_from_kn(1.0) * signals.force_kn).tolist(),
-        (RAD_PER_S_PER_RPM * signals.speed_rpm).tolist(),
-        signals.command_source.tolist(),
-        signals.command_reason.tolist(),
-    )
-
-    def make(tick: int) -> list[Told]:
-        force, speed, source, reason = (one[tick] for one in columns)
-        values = {"axial_force": force, "spindle_speed": speed, "source": source, "healthy": True, "reason": reason}
-        return [("/fsw/command", values)]
-
-    return make
-
-
-def _of_states(signals: WeldSignals) -> Callable[[int], list[Told]]:
-    rows = list(zip(signals.actual_controller.tolist(), signals.actual_mode.tolist(), strict=True))
-
-    def make(tick: int) -> list[Told]:
-        changed = tick > 0 and rows[tick] != rows[tick - 1]
-        if not changed and tick % _REPORT:
-            return []
-        controller, mode = rows[tick]
-        return [
-            (
-                "/fsw/supervisor/state",
-                {
-                    "actual_controller": controller,
-                    "target_controller": controller,
-                    "actual_mode": mode,
-                    "target_mode": mode,
-                    "requested_by": "start" if rows[tick] == rows[0] else "operator (topic)",
-                },
-            )
-        ]
-
-    return make
-
-
-def _of_programme(scenario: Scenario, signals: WeldSignals) -> Callable[[int], list[Told]]:
-    rows = progress(scenario, signals)
-    points = list(zip(signals.programme_depth_mm.tolist(), signals.programme_temperature_c.tolist(), strict=True))
-    in_force = list(zip(signals.reference_depth_mm.tolist(), signals.reference_temperature_c.tolist(), strict=True))
-
-    def make(tick: int) -> list[Told]:
-        now = rows[tick]
-        changed = not tick or (now.state, now.phase, points[tick]) != (
-            rows[tick - 1].state,
-            rows[tick - 1].phase,
-            points[tick - 1],
-        )
-        if not changed and tick % _REPORT:
-            return []
-        return [
-            (
-                "/fsw/weld_progress",
-                {
-                    "state": str(now.state),
-                    "phase": now.phase,
-                    "angle": radians(now.angle_deg),
-                    "length": m_from_mm(now.length_mm),
-                    "time_left": now.time_left_s,
-                    "depth": m_from_mm(points[tick][0]),
-                    "temperature": points[tick][1],
-                    "left": points[tick] != in_force[tick],
-                },
-            )
-        ]
-
-    return make
+    numbers |= {key: numbers[key].astype(np.int64) for key in ("watchdog", "refused_commands")}
+    faults = ({"active_faults": one.split(",") if one else []} for one in truth.active_faults)
+    return {
+        "/fsw/depth": _rows(depth=signals.depth_mm / MM),
+        "/fsw/spindle_torque": _rows(torque=signals.torque_nm),
+        "/fsw/thermocouple": _rows(temperature=signals.temperature_c),
+        "/fsw/drives": _rows(
+            axial_force=n_from_kn(1.0) * drives.force_kn, spindle_speed=RAD_PER_S_PER_RPM * drives.speed_rpm
+        ),
+        "/fsw/plant/truth": [{**row, **of} for row, of in zip(_rows(**numbers), faults, strict=True)],
+    }

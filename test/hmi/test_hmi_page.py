@@ -51,6 +51,23 @@ def test_set_point_out_of_reach_is_marked_with_what_is_attainable(fake, open_pag
     expect(mark).to_be_hidden()
 
 
+def test_report_on_all_welds_opens_in_a_tab_of_its_own(fake, open_page, tmp_path):
+    plain = ready(open_page(fake.url))
+    expect(plain.get_by_text("All welds")).to_be_hidden()
+    fake.history_report = str(tmp_path / "report.html")
+    page = ready(open_page(fake.url))
+    (tmp_path / "report.html").write_text(
+        "<style>p{color:#00f}</style><p>60 welds</p><script>document.title = 1</script>"
+    )
+    with page.expect_popup() as opened:
+        page.get_by_text("All welds").click()
+    report = opened.value
+    expect(report.locator("p")).to_have_css("color", "rgb(0, 0, 255)")
+    assert report.title() == "", "it must not run scripts"
+    assert report.evaluate("window.opener") is None
+    expect(page.locator("#who strong")).to_have_text("nmpc · auto")
+
+
 def test_prediction_has_a_band(fake, open_page):
     page = ready(open_page(fake.url))
     expect(page.locator(".legend")).to_contain_text("expected, ± 2 σ")

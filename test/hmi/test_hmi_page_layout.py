@@ -23,6 +23,7 @@ def by_default(*sizes):
 @pytest.mark.parametrize("size", by_default(*SIZES[:2], PANEL), ids="{0[0]}x{0[1]}".format)
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
+    fake.history_report = "report.html"
     fake.state["reason"] = (
         "nmpc answered late 3 times in a row, decentral took over; nmpc is inhibited until it is chosen"
     )

@@ -7,7 +7,8 @@ import json
 from datetime import UTC, datetime
 from typing import Any
 
-from fsw.bags import DAMAGED_TOO, add_bag_command
+from fsw.bags import DAMAGED_TOO, bag_argument
+from fsw.command import command, switch
 from fsw.console import print_table
 from fsw.progress import ProgressBar
 from fsw_analysis.tick_gaps import TickCounter, TickGaps
@@ -17,13 +18,13 @@ from fsw_recorder.bag_reader import BagInfo, BagReader
 _KIB = 1024
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the subcommands of ``bag``."""
-    info = add_bag_command(commands, "info", _run, "contents of a bag, counted message by message", DAMAGED_TOO)
-    info.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "bag info",
+    "contents of a bag, counted message by message",
+    bag_argument(DAMAGED_TOO),
+    switch("--json", "print JSON"),
+)
+def info(arguments: argparse.Namespace) -> int:
     ticks = TickCounter()
     with BagReader(arguments.bag) as reader, ProgressBar(f"reading {arguments.bag}") as bar:
         info = reader.info(bar, ticks.note)

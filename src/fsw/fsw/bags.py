@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
+from fsw.command import Option, group, option
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
@@ -17,27 +16,14 @@ from fsw_analysis.weld_signals import WeldSignals
 
 #: what a command takes that also reads damaged bags
 DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"
-#: how a controller is named
-NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
 
 
-def add_bag_command(
-    commands: Any,
-    name: str,
-    run: Any,
-    text: str,
-    bag: str = "bag of a weld",
-    description: str = "",
-    several: bool = False,
-    optional: bool = False,
-) -> argparse.ArgumentParser:
-    """Add a command on one or several bags, with ``optional`` also on none."""
-    parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=text, description=description or f"{name}: {text}."
-    )
-    parser.add_argument("bag", type=Path, help=bag, nargs="*" if optional else "+" if several else None)
-    parser.set_defaults(run=run)
-    return parser
+BAG = group("bag", "inspect recorded welds", "Inspect recorded welds.")
+
+
+def bag_argument(text: str = "bag of a weld", nargs: str | None = None) -> Option:
+    """The argument of all commands on one or several bags."""
+    return option("bag", type=Path, help=text, nargs=nargs)
 
 
 def print_notes(notes: Iterable[str]) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
+from fsw.command import FORCE, command, file, option, switch
 from fsw.console import program
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new, default_folder
 from fsw.progress import ProgressBar
 
@@ -18,40 +17,32 @@ _REPORT = "report"
 _ONLY_RUN, _ONLY_REPORT = ("welds", "workers", "scheduler", "resume"), ("folder", "limits", "force")
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "campaign",
-        usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
-        "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
-        help="run many welds with random parameters on Dask; report on them",
-        description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
-        "'report', write a report on the welds in such a folder.",
-    )
-    parser.add_argument("file", metavar="FILE", help="YAML file or name of a shipped campaign; or the word report")
-    parser.add_argument("folder", metavar="DIR", nargs="?", type=Path, help="after report: folder of a campaign")
-    text = (
+@command(
+    "campaign",
+    "run many welds with random parameters on Dask; report on them",
+    option("file", metavar="FILE", help="YAML file or name of a shipped campaign; or the word report"),
+    option("folder", metavar="DIR", nargs="?", type=Path, help="after report: folder of a campaign"),
+    file(
+        "--out",
         "folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
-        "or .md with figures beside it (default DIR/report.html)"
-    )
-    add_file(parser, "--out", text, "OUT")
-    parser.add_argument("--resume", action="store_true", help="run the welds that are still missing in the folder")
-    parser.add_argument("--welds", type=int, metavar="N", help="welds of each controller, instead of the file's")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)")
-    parser.add_argument(
+        "or .md with figures beside it (default DIR/report.html)",
+        "OUT",
+    ),
+    switch("--resume", "run the welds that are still missing in the folder"),
+    option("--welds", type=int, metavar="N", help="welds of each controller, instead of the file's"),
+    option("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)"),
+    option(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here"
-    )
-    add_file(parser, "--limits", "after report: limits on figures of merit (YAML) instead of its own")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    try:
-        import distributed  # noqa: F401
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise CommandError(f"campaign: {error.name} is missing: pip install distributed pyarrow") from None
+    ),
+    file("--limits", "after report: limits on figures of merit (YAML) instead of its own"),
+    FORCE,
+    description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
+    "'report', write a report on the welds in such a folder.",
+    usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
+    "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
+    needs=("distributed", "pyarrow"),
+)
+def campaign(arguments: argparse.Namespace) -> int:
     report = arguments.file == _REPORT
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from fsw.canister_weld import CanisterWeld, programmed, recorded
+from fsw.command import FORCE, command, file, number, option, repeated
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force, add_number, add_repeated
-from fsw.outputs import check_new, default_folder, new_folder
+from fsw.outputs import check_new, default_folder, new_folder, write_whole
 from fsw.progress import ProgressBar
-from fsw_schema.files import replacing
+from fsw_analysis import heat_figures
+from fsw_analysis.export import write_table
+from fsw_canister import load_or_reduce
+from fsw_canister.elements import elements_of
+from fsw_canister.history import HeatHistory, heat_history
+from fsw_canister.vtk import write_vtk
+from fsw_model import STEP_S
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw.canister_weld import CanisterWeld
-    from fsw_canister.history import HeatHistory
 
 _SCENARIO = "canister_weld_heat"
 #: moments that are shown where none is given, as shares of these phases; of the whole where there are none of them
@@ -30,38 +35,36 @@ _FINE_K = 1e-5
 _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "canister",
-        help="heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
-        description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
-        "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
-        "table over time and prints the temperatures of each phase.",
-    )
-    parser.add_argument(
-        "bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"
-    )
-    power = "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"
-    add_number(parser, "--power", "KW", Range(0.0, 200.0, "kW"), power)
-    parser.add_argument("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})")
-    add_file(parser, "--canister", "parameters of the canister (YAML) instead of the scenario's")
-    probe = "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm]"
-    add_repeated(parser, "--probe", "R,ANGLE,Z", f"{probe}, e.g. 525,90,-50")
-    at = "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)"
-    add_repeated(parser, "--at", "S", at, type=float)
-    add_file(parser, "--csv", "table over time (default out/<date>_canister/heat.csv)")
-    add_file(parser, "--figure", "surface, section and curves in one figure", "FILE.png")
-    add_file(parser, "--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed")
-    add_file(parser, "--vtk", "temperatures of the whole geometry for ParaView", "DIR")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "canister",
+    "heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
+    option("bag", nargs="?", type=Path, metavar="BAG", help="bag of a weld on a plant with process: canister"),
+    number("--power", "KW", Range(0.0, 200.0, "kW"), "constant power, 0 to 200 kW (default: the paper's, 43.6 kW)"),
+    option("--scenario", metavar="NAME", help=f"scenario whose path the tool takes (default {_SCENARIO})"),
+    file("--canister", "parameters of the canister (YAML) instead of the scenario's"),
+    repeated(
+        "--probe",
+        "R,ANGLE,Z",
+        "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm], e.g. "
+        "525,90,-50",
+    ),
+    repeated(
+        "--at",
+        "S",
+        "moment for --figure and --vtk (default: in the lid, on the joint line, in the overlap)",
+        type=float,
+    ),
+    file("--csv", "table over time (default out/<date>_canister/heat.csv)"),
+    file("--figure", "surface, section and curves in one figure", "FILE.png"),
+    file("--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed"),
+    file("--vtk", "temperatures of the whole geometry for ParaView", "DIR"),
+    FORCE,
+    description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
+    "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
+    "table over time and prints the temperatures of each phase.",
+)
+def canister(arguments: argparse.Namespace) -> int:
     _check(arguments)
-    from fsw.canister_weld import programmed, recorded
-
     if arguments.bag is not None:
         weld = recorded(arguments.bag)
     else:
@@ -89,9 +92,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.film is not None:
         if arguments.film.suffix.lower() not in (".gif", ".mp4"):
             raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")
-        from fsw_analysis.heat_figures import can_film
-
-        if not can_film(arguments.film):
+        if not heat_figures.can_film(arguments.film):
             raise CommandError(f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif")
     check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
     arguments.probe = [_probe(text) for text in arguments.probe]
@@ -128,11 +129,6 @@ def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
 
 def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHistory, dict[_Probe, Any], float]:
     """The heat over time, the thermocouples by name, and what a step took [us]."""
-    from fsw_canister import load_or_reduce
-    from fsw_canister.elements import elements_of
-    from fsw_canister.history import heat_history
-    from fsw_model import STEP_S
-
     for text, _, (r, _, z) in arguments.probe:
         try:
             elements_of(weld.parameters).at(1e-3 * r, 1e-3 * z)
@@ -153,10 +149,6 @@ def _computed(arguments: argparse.Namespace, weld: CanisterWeld) -> tuple[HeatHi
 
 def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -> None:
     """A row a second; of each thermocouple a column."""
-    import numpy as np
-
-    from fsw_analysis.export import write_table
-
     at = np.searchsorted(history.time_s, history.kept_s[1:] - 1e-6)
     course = history.course
     columns = {
@@ -167,8 +159,7 @@ def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -
         "tool_axial_mm": course.axial_mm[at],
     }
     columns |= {f"probe {one.text} [degC]": values[1:] for one, values in probes.items()}
-    table.parent.mkdir(parents=True, exist_ok=True)
-    write_table(columns, table)
+    write_whole(table, lambda part: write_table(columns, part))
 
 
 def _pictures(
@@ -181,30 +172,19 @@ def _pictures(
     """Write what is wanted; what each file has, in words."""
     words = []
     if arguments.figure is not None or arguments.film is not None:
-        from fsw_analysis.heat_figures import FILM_FPS, FILM_FRAMES, HeatPicture, draw_heat, film_heat
-
         named = {one.words: values for one, values in probes.items()}
-        picture = HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
+        picture = heat_figures.HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
-            _in_place(arguments.figure, lambda part: draw_heat(picture, moments_s, part))
+            write_whole(arguments.figure, lambda part: heat_figures.draw_heat(picture, moments_s, part))
             words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
         if arguments.film is not None:
             with ProgressBar("film") as bar:
-                _in_place(arguments.film, lambda part: film_heat(picture, part, bar))
-            words.append(f"{arguments.film}: film of {FILM_FRAMES / FILM_FPS:.0f} s")
+                write_whole(arguments.film, lambda part: heat_figures.film_heat(picture, part, bar))
+            words.append(f"{arguments.film}: film of {heat_figures.FILM_FRAMES / heat_figures.FILM_FPS:.0f} s")
     if arguments.vtk is not None:
-        from fsw_canister.vtk import write_vtk
-
         files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")
     return words
-
-
-def _in_place(file: Path, write: Callable[[Path], None]) -> None:
-    """Write a file that is there only when it is whole."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as part:
-        write(part)
 
 
 def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:

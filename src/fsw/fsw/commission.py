@@ -10,11 +10,14 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
+import fsw
 from fsw import __version__
+from fsw.bags import read_weld
+from fsw.command import GRAPH, command, file, number, option, switch
 from fsw.commissioning import (
     STEPS,
     Course,
@@ -31,19 +34,21 @@ from fsw.commissioning import (
 )
 from fsw.console import program
 from fsw.errors import SHOWN, CommandError
-from fsw.operate import add_graph_options
-from fsw.options import add_file, add_number
 from fsw.outputs import new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw.tune_command import EVALUATIONS, write_tunings
+from fsw.welds import Weld
+from fsw_analysis.changes import changes, part
+from fsw_analysis.kpi import compute
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control import weld
+from fsw_identification import report, summary
 from fsw_model import ModelParameters
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 from fsw_schema.models import InputError, content_of, read_text, validate
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw_scenario.scenario import Scenario
 
 #: the file by which commissioning is taken up again, and the report
 _COURSE, _REPORT = "commission.yaml", "report.md"
@@ -54,49 +59,42 @@ _RETURN_S = 30.0
 _TUNINGS = ("conservative", "tight", "smith")
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "commission",
-        help="lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
-        description="Lead through commissioning: "
-        + "; ".join(f"{name}: {step.text}" for name, step in STEPS.items())
-        + ". "
-        "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
-        "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
-    )
-    add_graph_options(parser)
-    add_file(
-        parser,
-        "--out",
-        "folder for bags, model, tunings and report; that of an earlier run goes on",
-        "DIR",
-        required=True,
-    )
-    parser.add_argument(
+@command(
+    "commission",
+    "lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
+    *GRAPH,
+    file("--out", "folder for bags, model, tunings and report; that of an earlier run goes on", "DIR", required=True),
+    option(
         "--controller", choices=("decentral", "nmpc"), default="decentral", help="to be accepted (default %(default)s)"
-    )
-    parser.add_argument("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)")
-    experiment = (
-        f"steps of set-points, shipped or a YAML file, e.g. from {program()} identify --design (default %(default)s)"
-    )
-    parser.add_argument("--experiment", metavar="SCENARIO", default="identify_closed_loop", help=experiment)
-    test = "that of the last step (default %(default)s)"
-    parser.add_argument("--acceptance", metavar="SCENARIO", default="acceptance", help=test)
-    text = "of the search, per tuning (default %(default)s: some minutes)"
-    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
-    add_number(
-        parser, "--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1
-    )
-    parser.add_argument(
-        "--yes", action="store_true", help="yes to every step, for scripts; leaves after one that fails"
-    )
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from fsw_scenario.scenario_file import load
-
+    ),
+    option("--tuning", choices=_TUNINGS, default=_TUNINGS[0], help="of decentral (default %(default)s)"),
+    option(
+        "--experiment",
+        metavar="SCENARIO",
+        default="identify_closed_loop",
+        help="steps of set-points, shipped or a YAML file, e.g. from fsw.py identify --design (default %(default)s)",
+    ),
+    option(
+        "--acceptance",
+        metavar="SCENARIO",
+        default="acceptance",
+        help="that of the last step (default %(default)s)",
+    ),
+    number(
+        "--evaluations",
+        "N",
+        Range(1, 1_000_000, ""),
+        "of the search, per tuning (default %(default)s: some minutes)",
+        EVALUATIONS,
+        int,
+    ),
+    number("--drive-lag", "S", Range(0.0, 10.0, "s"), "time constant of the drives (default %(default)s s)", 0.1),
+    switch("--yes", "yes to every step, for scripts; leaves after one that fails"),
+    description=f"Lead through commissioning: {'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
+    "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
+    "With the same --out it goes on where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
+)
+def commission(arguments: argparse.Namespace) -> int:
     for one in (arguments.experiment, arguments.acceptance):  # what is wrong in them is said before anything is done
         check_experiment(load(one))
     file: Path = arguments.out / _COURSE
@@ -176,13 +174,9 @@ class Work:
 
     def identify(self) -> Outcome:
         """Fit the model to the last experiment."""
-        from fsw.processes import fit
-        from fsw_identification import report, summary
-        from fsw_identification.weld_data import prepare
-
         bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
         with ProgressBar("identifying") as bar:
-            found = fit([prepare(_signals(bag), lag_s)], None, None, ModelParameters(), lag_s, False, bar)
+            found = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
         write_text(self._model, self._origin(bag) + found.text)
         (self._folder / "identification").mkdir(exist_ok=True)
         report.write(found, self._folder / "identification")
@@ -191,8 +185,6 @@ class Work:
 
     def tune(self) -> Outcome:
         """Search for the tunings."""
-        from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
-
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
         own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
@@ -219,24 +211,20 @@ class Work:
     def accept(self) -> Outcome:
         """Weld the acceptance test, and compare it with the weld that the model predicts."""
         from fsw.commission_ros import weld as weld_it
-        from fsw.welds import simulate
-        from fsw_analysis.kpi import compute
 
         scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
         weld_it(self._arguments, scenario.text, bag, Guard())
         file = self._folder / "acceptance.yaml"
         write_text(file, scenario.text)
         plant = {"model_file": str(self._model)}
-        predicted = simulate(file, name, plant=plant, parameters=self._parameters()).signals
-        found = _cut(_signals(bag), scenario)
+        predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
+        found = _cut(read_weld(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
         rows = accept_rows(measured, usual, found.command_source, name)
         return outcome_of(rows, _now(), f"recorded to {bag.name}")
 
     def _scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""
-        from fsw_scenario.scenario_file import load, parse
-
         if step == "accept":
             return load(self._arguments.acceptance, [f"controller={self._arguments.controller}"])
         made = load(self._arguments.experiment)
@@ -278,17 +266,8 @@ def _now() -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S %Z")
 
 
-def _signals(bag: Path) -> WeldSignals:
-    from fsw_analysis.signals import load_weld
-
-    with ProgressBar(f"reading {bag.name}") as bar:
-        return load_weld(bag, bar)
-
-
 def _cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
-    from fsw_analysis.changes import changes, part
-
     first = [one.begin for one in changes(signals) if one.quantity.endswith("reference")]
     if not first:
         raise InputError(f"{signals.path}: the set-points do not change")

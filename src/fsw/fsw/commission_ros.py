@@ -14,7 +14,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw.commissioning import Guard, Heard
 from fsw.errors import CommandError
-from fsw.operate import health
+from fsw.graph_ros import health
 from fsw.operator_node import Operator, domain_text, operator
 from fsw.params_ros import client_of
 from fsw.weld_ros import abort, follow
@@ -34,7 +34,7 @@ _RECORDED = ("fsw/depth", "fsw/spindle_torque", "fsw/thermocouple", "fsw/drives"
 
 def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
     """Listen to so many ticks; CommandError when there is no such graph."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
         set_points = node.watch_set_points()
         node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
@@ -103,7 +103,7 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
             stopped.append(why)
 
     try:
-        with operator(arguments.timeout, arguments.namespace) as node:
+        with operator(arguments) as node:
             launcher.wait_until(lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder")
             node.node.create_subscription(
                 ShoulderDepth, "fsw/depth", lambda one: take("depth", units.mm_from_m(one.depth)), STREAM
@@ -118,7 +118,7 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
     except KeyboardInterrupt:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C does not keep the weld going
         try:
-            with operator(arguments.timeout, arguments.namespace) as node:
+            with operator(arguments) as node:
                 aborted = abort(node)
         finally:
             signal.signal(signal.SIGINT, before)
@@ -138,7 +138,7 @@ def _is_recorded(node: Operator) -> bool:
 
 def set_parameters(arguments: argparse.Namespace, name: str, values: Mapping[str, Any]) -> None:
     """Set parameters of a node, all or none; CommandError when it refuses."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         client = client_of(node, name)
         future = client.set_parameters_atomically([Parameter(key, value=value) for key, value in values.items()])
         result = node.answer(future, name).result
@@ -148,6 +148,6 @@ def set_parameters(arguments: argparse.Namespace, name: str, values: Mapping[str
 
 def parameter(arguments: argparse.Namespace, node_name: str, name: str) -> Any:
     """The value of a parameter of a node."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         [value] = node.answer(client_of(node, node_name).get_parameters([name]), node_name).values
     return parameter_value_to_python(value)

@@ -8,12 +8,13 @@ import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
+from fsw.command import command, option, switch
 from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
 from fsw.simulate_command import run_graph, write_results
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_scenario import live
@@ -26,62 +27,53 @@ from fsw_scenario.scenario_file import load, parse, shipped
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
 LIVE_SCENARIO = "canister_weld"
-_DESCRIPTION = (
-    "Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are processes. Leaves "
-    "bags, figures of merit and figures."
-)
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line of the script."""
-    whole = argparse.ArgumentParser(prog="demo.py", description=_DESCRIPTION)
-    _add_arguments(whole)
-    return whole
-
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "run welds in closed loop over DDS, in processes; with the operator's page: --live"
-    one = commands.add_parser("demo", help=text, description=_DESCRIPTION)
-    _add_arguments(one)
-    one.set_defaults(run=run)
-
-
-def _add_arguments(whole: argparse.ArgumentParser) -> None:
-    whole.add_argument("--realtime", action="store_true", help="10 Hz in real time instead of as fast as possible")
-    whole.add_argument(
+@command(
+    "demo",
+    "run welds in closed loop over DDS, in processes; with the operator's page: --live",
+    switch("--realtime", "10 Hz in real time instead of as fast as possible"),
+    option(
         "--scenario",
         action="append",
         metavar="NAME",
         help=f"YAML file or one of {', '.join(shipped())}; several times (default: {', '.join(DEFAULT_SCENARIOS)})",
-    )
-    whole.add_argument(
+    ),
+    option(
         "--controller",
         action="append",
         metavar="NAME",
         help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); your own: MODULE:CLASS or "
         "FILE.py:CLASS",
-    )
-    whole.add_argument(
+    ),
+    switch(
         "--live",
-        action="store_true",
-        help="one weld in real time, to monitor and control on the operator's page "
+        "one weld in real time, to monitor and control on the operator's page "
         f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
-    )
-    whole.add_argument("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)")
-    whole.add_argument("--out", type=Path, help="folder for the results (default: out/<date>)")
+    ),
+    option("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)"),
+    option("--out", type=Path, help="folder for the results (default: out/<date>)"),
+    description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
+    "processes. Leaves bags, figures of merit and figures.",
+)
+def demo(parsed: argparse.Namespace) -> int:
+    """Run the demonstration; returns the exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return _live(parsed) if parsed.live else _demonstrate(parsed)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of the script."""
+    whole = argparse.ArgumentParser(prog="demo.py", description=demo.description)
+    for add in demo.options:
+        add(whole)
+    return whole
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the demonstration; returns the exit code."""
+    """Run the script; returns the exit code."""
     parsed = parser().parse_args(arguments)
-    return exit_code(lambda: run(parsed))
-
-
-def run(parsed: argparse.Namespace) -> int:
-    """Run the demonstration with parsed arguments; returns the exit code."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    return _live(parsed) if parsed.live else _demonstrate(parsed)
+    return exit_code(lambda: demo(parsed))
 
 
 def _live(parsed: argparse.Namespace) -> int:
@@ -129,8 +121,6 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 
 def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
-    from fsw_analysis.figures import Run  # matplotlib takes a second to import
-
     place = folder / scenario.name
     runs: list[Run] = []
     bags: list[Path] = []

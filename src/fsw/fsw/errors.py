@@ -58,6 +58,6 @@ def exit_code(action: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # a file that cannot be read or written, wherever it occurs
-        where = f"{error.filename}: " if error.filename else ""
+        where = f"cannot read or write {error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1

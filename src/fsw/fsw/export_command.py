@@ -6,58 +6,25 @@ import argparse
 from typing import Any
 
 import fsw
+from fsw.command import Option, assignment, command, file, group, option, repeated, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_repeated
 from fsw.progress import ProgressBar
-from fsw.simulate_command import assignment
+
+EXPORT = group(
+    "export",
+    "a controller as C99 for a PLC, a controller or the plant as an FMU",
+    "Export controllers and plant for use outside ROS 2.",
+)
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "export",
-        help="a controller as C99 for a PLC, a controller or the plant as an FMU",
-        description="Export controllers and plant for use outside ROS 2.",
+def _choice(parameter: str) -> tuple[Option, ...]:
+    """Options that say which model, tuning and parameters are exported; ``parameter`` is a help text."""
+    return (
+        file("--model", "model parameters (YAML) instead of the paper's"),
+        file("--tuning", "tuning (YAML) instead of the default one"),
+        repeated("--parameter", "NAME=VALUE", parameter),
     )
-    kinds = parser.add_subparsers(title="kinds", metavar="KIND", required=True)
-    c = kinds.add_parser(
-        "c",
-        help="a controller as a self-contained folder of C99",
-        description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
-        "weld, function block, README. The example is compiled and run before the folder is moved into place.",
-    )
-    c.add_argument(
-        "--controller",
-        dest="unit",
-        choices=["nmpc", "decentral"],
-        default="nmpc",
-        help="controller to export (default nmpc)",
-    )
-    _add_choice(c, "parameter of the controller's node, e.g. temperature_aggressiveness=0.5")
-    add_file(c, "--out", "folder to write", "DIR", required=True)
-    c.add_argument("--force", action="store_true", help="delete an existing export")
-    c.set_defaults(run=_run_c)
-    fmu = kinds.add_parser(
-        "fmu",
-        help="the plant or a controller as a Functional Mock-up Unit (FMI 2.0, co-simulation)",
-        description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
-        "sources and a binary for this machine. Prints its variables.",
-    )
-    fmu.add_argument("unit", metavar="UNIT", help="plant, nmpc or decentral")
-    _add_choice(fmu, "parameter of the plant or of the controller's node, e.g. start.depth_mm=2.8")
-    add_file(fmu, "--out", "file to write", "FILE.fmu", required=True)
-    fmu.add_argument("--force", action="store_true", help="replace the file if it exists")
-    platforms = ("linux64", "win64")
-    add_repeated(fmu, "--platform", "NAME", f"also a binary for {' or '.join(platforms)}, by zig", choices=platforms)
-    fmu.set_defaults(run=_run_fmu)
-
-
-def _add_choice(kind: argparse.ArgumentParser, parameter: str) -> None:
-    """Add the options that say which model, tuning and parameters are exported; ``parameter`` is a help text."""
-    add_file(kind, "--model", "model parameters (YAML) instead of the paper's")
-    add_file(kind, "--tuning", "tuning (YAML) instead of the default one")
-    add_repeated(kind, "--parameter", "NAME=VALUE", parameter)
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -67,7 +34,23 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     return chosen | {"replace": arguments.force}
 
 
-def _run_c(arguments: argparse.Namespace) -> int:
+@command(
+    "export c",
+    "a controller as a self-contained folder of C99",
+    option(
+        "--controller",
+        dest="unit",
+        choices=["nmpc", "decentral"],
+        default="nmpc",
+        help="controller to export (default nmpc)",
+    ),
+    *_choice("parameter of the controller's node, e.g. temperature_aggressiveness=0.5"),
+    file("--out", "folder to write", "DIR", required=True),
+    switch("--force", "delete an existing export"),
+    description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
+    "weld, function block, README. The example is compiled and run before the folder is moved into place.",
+)
+def export_c(arguments: argparse.Namespace) -> int:
     try:
         with ProgressBar("weld of the test vectors") as bar:
             check = fsw.export_c(arguments.unit, arguments.out, progress=bar, **_options(arguments))
@@ -78,7 +61,18 @@ def _run_c(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _run_fmu(arguments: argparse.Namespace) -> int:
+@command(
+    "export fmu",
+    "the plant or a controller as a Functional Mock-up Unit (FMI 2.0, co-simulation)",
+    option("unit", metavar="UNIT", help="plant, nmpc or decentral"),
+    *_choice("parameter of the plant or of the controller's node, e.g. start.depth_mm=2.8"),
+    file("--out", "file to write", "FILE.fmu", required=True),
+    switch("--force", "replace the file if it exists"),
+    repeated("--platform", "NAME", "also a binary for linux64 or win64, by zig", choices=("linux64", "win64")),
+    description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
+    "sources and a binary for this machine. Prints its variables.",
+)
+def export_fmu(arguments: argparse.Namespace) -> int:
     options = _options(arguments) | {"platforms": tuple(arguments.platform)}
     try:
         with ProgressBar("heat conduction in the canister") as bar:

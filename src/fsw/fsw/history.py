@@ -7,14 +7,11 @@ import json
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from fsw.bags import DAMAGED_TOO, read_weld
+from fsw.command import FORCE, command, file, group, option
+from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
@@ -24,47 +21,12 @@ from fsw_quality.process_of_weld import process_of
 from fsw_quality.record import data_files, files_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_schema.models import InputError
 
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "history of welds: add one, report on all, show what changed between two"
-    history = commands.add_parser("history", help=text, description=f"{text.capitalize()}.")
-    kinds = history.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    one = kinds.add_parser(
-        "add",
-        help="add recorded welds",
-        description="Run the monitor over bags and add a row for each to the history in a folder.",
-    )
-    one.add_argument("folder", type=Path, metavar="DIR", help="folder of the history, made if need be")
-    one.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
-    one.add_argument("--record", type=Path, help="record.json of the weld, for its verdict; with one bag")
-    one.set_defaults(run=_add)
-    one = kinds.add_parser(
-        "report",
-        help="report with control charts and the tools' lives",
-        description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
-    )
-    one.add_argument("folder", type=Path, metavar="DIR")
-    add_file(one, "--out", "HTML file (default DIR/report.html)")
-    add_force(one)
-    one.set_defaults(run=_report)
-    one = kinds.add_parser(
-        "diff", help="what changed between two welds", description="Tell what changed between two welds of a history."
-    )
-    one.add_argument("folder", type=Path, metavar="DIR")
-    one.add_argument("first", metavar="A", help="name of a weld in the history")
-    one.add_argument("second", metavar="B")
-    one.set_defaults(run=_diff)
-
-
-def _history() -> Any:
-    try:
-        from fsw_quality import history
-    except ImportError as error:
-        raise CommandError(f"history: {error.name or error} is missing: pip install pyarrow") from None
-    return history
+HISTORY = group(
+    "history",
+    "history of welds: add one, report on all, show what changed between two",
+    "History of welds: add one, report on all, show what changed between two.",
+)
 
 
 def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
@@ -72,8 +34,6 @@ def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
         record = json.loads(file.read_text(encoding="utf-8"))
         verdict = str(record["verdict"])
         judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
-    except OSError as error:
-        raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (ValueError, KeyError, TypeError):
         raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
     if judged and not judged & set(files):
@@ -81,8 +41,18 @@ def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     return verdict
 
 
-def _add(arguments: argparse.Namespace) -> int:
-    history = _history()
+@command(
+    "history add",
+    "add recorded welds",
+    option("folder", type=Path, metavar="DIR", help="folder of the history, made if need be"),
+    option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
+    option("--record", type=Path, help="record.json of the weld, for its verdict; with one bag"),
+    description="Run the monitor over bags and add a row for each to the history in a folder.",
+    needs=("pyarrow",),
+)
+def add(arguments: argparse.Namespace) -> int:
+    from fsw_quality import history  # of the extra
+
     if arguments.record and len(arguments.bag) > 1:
         raise CommandError("history add: --record is of one weld; give one bag")
     rows = []
@@ -99,17 +69,22 @@ def _add(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _report(arguments: argparse.Namespace) -> int:
-    history = _history()
-    from fsw_quality import history_report
+@command(
+    "history report",
+    "report with control charts and the tools' lives",
+    option("folder", type=Path, metavar="DIR"),
+    file("--out", "HTML file (default DIR/report.html)"),
+    FORCE,
+    description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
+    needs=("pyarrow",),
+)
+def report(arguments: argparse.Namespace) -> int:
+    from fsw_quality import history, history_report  # of the extra
 
     target = arguments.out or arguments.folder / "report.html"
     check_new([target], arguments.force)
     table = history.load(arguments.folder)
-    try:
-        said = history_report.write(table, target, f"History {arguments.folder.name}")
-    except OSError as error:
-        raise CommandError(f"cannot write {target}: {error.strerror}") from None
+    said = history_report.write(table, target, f"History {arguments.folder.name}")
     for weld, text in said[-20:]:
         print(f"{weld}: {text}")
     for one in history_report.tools(table):
@@ -118,17 +93,22 @@ def _report(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _diff(arguments: argparse.Namespace) -> int:
-    history = _history()
-    try:
-        found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
-    except InputError as error:
-        raise CommandError(str(error)) from None
+@command(
+    "history diff",
+    "what changed between two welds",
+    option("folder", type=Path, metavar="DIR"),
+    option("first", metavar="A", help="name of a weld in the history"),
+    option("second", metavar="B"),
+    description="Tell what changed between two welds of a history.",
+    needs=("pyarrow",),
+)
+def diff(arguments: argparse.Namespace) -> int:
+    from fsw_quality import history  # of the extra
+
+    found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
     if not found:
         print("nothing: the same texts, and no number differs by more than three standard deviations")
         return 0
-    table = Table("what", arguments.first, arguments.second, "σ")
-    for what, before, after, size in found:
-        table.add_row(what, before, after, f"{size:+.1f}" if isfinite(size) else "")
-    Console().print(table)
+    rows = [(what, before, after, f"{size:+.1f}" if isfinite(size) else "") for what, before, after, size in found]
+    print_table(rows, ("what", arguments.first, arguments.second, "σ"))
     return 0

@@ -5,38 +5,17 @@ from __future__ import annotations
 import argparse
 import getpass
 import sys
-from pathlib import Path
-from typing import Any
 
+from fsw.command import command, file, group, option
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw_hmi.users import LONGEST, NAME_RULE, ROLES, SHORTEST, User, checked_name, new_user, read, write
 
-_VERBS = {
-    "add": "add a user; the password comes from a prompt, or from stdin in a pipe",
-    "passwd": "change a user's password, from a prompt or from stdin, and with --role the role",
-    "remove": "remove a user",
-    "list": "names and roles of all users",
-}
+_NAME = option("name", metavar="NAME", help=NAME_RULE)
+_FILE = file("--file", "the users, for its owner alone", required=True)
 _ROLES = "view: look and safe stop; operate: command the weld, too; engineer: disturb the emulator, too"
-
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "the operator's page: who may command by it"
-    hmi = commands.add_parser("hmi", help=text, description=f"hmi: {text}.")
-    user = hmi.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    text = "named users in a file of salted hashes, for users_file of the page's server"
-    verbs = user.add_parser("user", help=text, description=f"user: {text}.")
-    verb_commands = verbs.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for verb, words in _VERBS.items():
-        one = verb_commands.add_parser(verb, help=words, description=f"{verb}: {words}.")
-        if verb != "list":
-            one.add_argument("name", metavar="NAME", help=NAME_RULE)
-        if verb in ("add", "passwd"):
-            one.add_argument("--role", choices=ROLES, required=verb == "add", help=_ROLES)
-        one.add_argument("--file", type=Path, required=True, metavar="FILE", help="the users, for its owner alone")
-        one.set_defaults(run=_run, verb=verb)
+HMI = group("hmi", "the operator's page: who may command by it")
+USER = group("hmi user", "named users in a file of salted hashes, for users_file of the page's server")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -51,6 +30,24 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(str(error)) from None
     print(f"{arguments.name} {'removed from' if verb == 'remove' else 'written to'} {path}: restart the page's server")
     return 0
+
+
+ADD = command(
+    "hmi user add",
+    "add a user; the password comes from a prompt, or from stdin in a pipe",
+    _NAME,
+    option("--role", choices=ROLES, required=True, help=_ROLES),
+    _FILE,
+)(_run)
+PASSWD = command(
+    "hmi user passwd",
+    "change a user's password, from a prompt or from stdin, and with --role the role",
+    _NAME,
+    option("--role", choices=ROLES, help=_ROLES),
+    _FILE,
+)(_run)
+REMOVE = command("hmi user remove", "remove a user", _NAME, _FILE)(_run)
+LIST = command("hmi user list", "names and roles of all users", _FILE)(_run)
 
 
 def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:

@@ -3,58 +3,55 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+import fsw
+from fsw.bags import read_weld
+from fsw.command import FORCE, command, file, number, option, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force, add_number
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.progress import ProgressBar
+from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.signals import load_weld
-from fsw_identification.weld_data import WeldData, prepare
+from fsw_identification import report, summary
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
+from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 from fsw_schema.ranges import Range
-
-if TYPE_CHECKING:
-    from fsw.processes import Identified
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0
+_LAG = specs()["actuators.lag_s"]
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "identify",
-        help="model parameters of a process from bags of its welds; proposes an experiment",
-        description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
-        "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
-        "experiment instead.",
-    )
-    parser.add_argument("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all")
-    add_file(parser, "--out", "model file (YAML); with --design the scenario")
-    add_file(parser, "--validate", "weld to validate the model, not used for the estimate", "BAG")
-    add_file(parser, "--air", "run in air at several speeds, to identify the friction (23)", "BAG")
-    add_file(parser, "--report", "write report.html and report.png into this folder", "DIR")
-    add_file(parser, "--model", "model to start from (default: the paper's)")
-    lag, text = specs()["actuators.lag_s"], "time constant of the drives (default %(default)s s, the emulator's)"
-    add_number(parser, "--drive-lag", "S", Range(*(lag.range or (0.0, inf)), "s"), text, lag.default)
-    steady = "take disturbances as constant: without drifts and shifts all that is slow is the process's"
-    parser.add_argument("--steady", action="store_true", help=steady)
-    parser.add_argument("--design", action="store_true", help="propose an experiment and print the accuracy to expect")
-    text = f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"
-    add_number(parser, "--duration", "S", _EXPERIMENT_S, text)
-    parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "identify",
+    "model parameters of a process from bags of its welds; proposes an experiment",
+    option("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all"),
+    file("--out", "model file (YAML); with --design the scenario"),
+    file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
+    file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
+    file("--report", "write report.html and report.png into this folder", "DIR"),
+    file("--model", "model to start from (default: the paper's)"),
+    number(
+        "--drive-lag",
+        "S",
+        Range(*(_LAG.range or (0.0, inf)), "s"),
+        "time constant of the drives (default %(default)s s, the emulator's)",
+        _LAG.default,
+    ),
+    switch("--steady", "take disturbances as constant: without drifts and shifts all that is slow is the process's"),
+    switch("--design", "propose an experiment and print the accuracy to expect"),
+    number("--duration", "S", _EXPERIMENT_S, f"of the proposed experiment, {_EXPERIMENT_S} (default {_DURATION_S:g})"),
+    switch("--open-loop", "propose steps of force and speed, without controller"),
+    FORCE,
+    description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
+    "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
+    "experiment instead.",
+)
+def identify(arguments: argparse.Namespace) -> int:
     if arguments.design:
         return _design(arguments)
     if arguments.duration is not None or arguments.open_loop:
@@ -67,9 +64,19 @@ def _run(arguments: argparse.Namespace) -> int:
     arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
-    from fsw_identification import summary
-
-    result = _identify(arguments)
+    welds = [_weld(bag) for bag in arguments.bag]
+    validate, air = (None if bag is None else _weld(bag) for bag in (arguments.validate, arguments.air))
+    start, lag_s = _model(arguments.model), arguments.drive_lag
+    with ProgressBar("identifying") as bar:
+        result = fsw.identify(
+            *welds,
+            validate=validate,
+            air=air,
+            start=start,
+            drive_lag_s=lag_s,
+            steady=arguments.steady,
+            progress=bar,
+        )
     for rows in (summary.parameter_rows(result), summary.output_rows(result)):
         print_table(rows[1:], rows[0], words=1)
         print()
@@ -77,26 +84,9 @@ def _run(arguments: argparse.Namespace) -> int:
     write_text(arguments.out, result.text)
     files = [arguments.out]
     if arguments.report is not None:
-        from fsw_identification import report
-
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
     return 0
-
-
-def _identify(arguments: argparse.Namespace) -> Identified:
-    from fsw.processes import fit
-    from fsw.welds import Weld
-
-    start = _model(arguments.model)
-    air = None if arguments.air is None else Weld("air", load_weld(arguments.air))
-    welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
-    checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag)
-    for weld in welds:
-        for note in weld.notes:  # now, too, because the fit takes a while
-            print(f"{weld.name}: {note}", file=sys.stderr)
-    with ProgressBar("identifying") as bar:
-        return fit(welds, checked, air, start, arguments.drive_lag, arguments.steady, bar)
 
 
 def _design(arguments: argparse.Namespace) -> int:
@@ -104,8 +94,6 @@ def _design(arguments: argparse.Namespace) -> int:
     if arguments.bag or arguments.report or arguments.validate or arguments.air or arguments.steady:
         raise CommandError("identify: --design takes no bags, estimates nothing and writes no report")
     check_new([arguments.out], arguments.force)
-    from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
-
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
         found = propose(duration_s, not arguments.open_loop, model, progress=bar)
@@ -131,6 +119,5 @@ def _model(file: Path | None) -> ModelParameters:
     return ModelParameters() if file is None else ModelParameters.from_file(file)
 
 
-def _data(bag: Path, drive_lag_s: float) -> WeldData:
-    with ProgressBar(f"reading {bag.name}") as bar:
-        return prepare(cut_to_scenario(load_weld(bag, bar)), drive_lag_s)
+def _weld(bag: Path) -> Weld:
+    return Weld(bag.name, cut_to_scenario(read_weld(bag)))

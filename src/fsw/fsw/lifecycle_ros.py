@@ -9,7 +9,7 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.operator_node import LogLines, Operator, domain_text, operator
+from fsw.operator_node import LogLines, Operator, graph_text, operator
 
 _GET_STATE = "/get_state"
 _TYPE = "lifecycle_msgs/srv/GetState"
@@ -17,16 +17,14 @@ _TYPE = "lifecycle_msgs/srv/GetState"
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out; returns the exit code."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         managed = _managed(node, arguments.node)
         if not arguments.node:
             print_table([(name, _state(node, name)) for name in managed], ("node", "state"))
             return 0
         if arguments.node not in managed:
-            where = f"{domain_text()}, namespace {node.node.get_namespace()}"
-            raise CommandError(
-                f"no managed node {arguments.node} on {where}; there are: {', '.join(managed) or 'none'}"
-            )
+            there = f"there are: {', '.join(managed) or 'none'}"
+            raise CommandError(f"no managed node {arguments.node} on {graph_text(node)}; {there}")
         if arguments.verb == "set":
             _change(node, arguments.node, arguments.transition)
         if arguments.verb == "list":

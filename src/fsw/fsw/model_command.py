@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
+from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw_analysis.export import write_table
 from fsw_model import ModelParameters, ProcessModel
@@ -16,26 +15,25 @@ from fsw_scenario import input_steps
 from fsw_schema.files import replacing
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "model",
-        help="simulate the process alone, in open loop from a file of input steps",
-        description="Simulate the process alone (no drives, no sensors, no noise) in open loop from the operating "
-        "point and write its trajectories as CSV, a row every 0.1 s. The file lists steps {at_s, force_kn, speed_rpm}, "
-        "or is a mapping with events: and duration_s: (default: 30 s after the last event). Values are "
-        "absolute and in force from at_s, a multiple of 0.1 s; an omitted one keeps its value.",
-    )
-    names = ", ".join(input_steps.shipped())
-    parser.add_argument("--events", required=True, metavar="FILE", help=f"YAML file, or one of {names} (the paper's)")
-    add_file(parser, "--csv", "table to write", required=True)
-    add_file(parser, "--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png")
-    add_file(parser, "--model", "model parameters (YAML) instead of the paper's")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "model",
+    "simulate the process alone, in open loop from a file of input steps",
+    option(
+        "--events",
+        required=True,
+        metavar="FILE",
+        help=f"YAML file, or one of {', '.join(input_steps.shipped())} (the paper's)",
+    ),
+    file("--csv", "table to write", required=True),
+    file("--figure", "also plot it like the paper's Figs. 4 and 5", "FILE.png"),
+    file("--model", "model parameters (YAML) instead of the paper's"),
+    FORCE,
+    description="Simulate the process alone (no drives, no sensors, no noise) in open loop from the operating "
+    "point and write its trajectories as CSV, a row every 0.1 s. The file lists steps {at_s, force_kn, speed_rpm}, "
+    "or is a mapping with events: and duration_s: (default: 30 s after the last event). Values are "
+    "absolute and in force from at_s, a multiple of 0.1 s; an omitted one keeps its value.",
+)
+def model(arguments: argparse.Namespace) -> int:
     files = [arguments.csv] if arguments.figure is None else [arguments.csv, arguments.figure]
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
         raise CommandError(f"--figure {arguments.figure}: the name must end in .png")

@@ -6,40 +6,33 @@ import argparse
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from fsw.bags import DAMAGED_TOO, read_weld
+from fsw.command import FORCE, command, file, option
+from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
-from fsw.outputs import check_new, write_json
+from fsw.outputs import check_new, write_json, write_whole
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 from fsw_quality.diagnosis import load_limits
 from fsw_quality.monitor import PROCESSES, Monitor
+from fsw_quality.monitor_figure import draw
 from fsw_quality.monitor_run import Watched, watch
 from fsw_quality.process_of_weld import process_of
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "monitor",
-        help="warnings of the monitor on a recorded weld: cause, confidence, advice",
-        description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
-    )
-    parser.add_argument("bag", type=Path, help=DAMAGED_TOO)
-    parser.add_argument("--process", choices=PROCESSES, help="whose limits hold (default: that of the bag's scenario)")
-    add_file(parser, "--model", "YAML file of the model's parameters (default: the paper's)")
-    add_file(parser, "--figure", "PNG file of residuals, figures and alarms")
-    add_file(parser, "--json", "write alarms, gains and largest figures as JSON")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "monitor",
+    "warnings of the monitor on a recorded weld: cause, confidence, advice",
+    option("bag", type=Path, help=DAMAGED_TOO),
+    option("--process", choices=PROCESSES, help="whose limits hold (default: that of the bag's scenario)"),
+    file("--model", "YAML file of the model's parameters (default: the paper's)"),
+    file("--figure", "PNG file of residuals, figures and alarms"),
+    file("--json", "write alarms, gains and largest figures as JSON"),
+    FORCE,
+    description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
+)
+def monitor(arguments: argparse.Namespace) -> int:
     check_new([arguments.figure, arguments.json], arguments.force)
     signals = read_weld(arguments.bag)
     process = arguments.process or process_of(signals)
@@ -50,13 +43,8 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"{arguments.bag}: no second with depth, torque, temperature, force and speed to watch")
     _print(watched, process)
     if arguments.figure is not None:
-        from fsw_quality.monitor_figure import draw  # matplotlib takes a second to import
-
-        try:
-            arguments.figure.parent.mkdir(parents=True, exist_ok=True)
-            draw(watched, load_limits()[process], f"{arguments.bag} ({process})", arguments.figure)
-        except OSError as error:
-            raise CommandError(f"cannot write {arguments.figure}: {error.strerror}") from None
+        limits, title = load_limits()[process], f"{arguments.bag} ({process})"
+        write_whole(arguments.figure, lambda part: draw(watched, limits, title, part))
         print(f"written: {arguments.figure}")
     write_json(
         arguments.json,
@@ -74,15 +62,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _print(watched: Watched, process: str) -> None:
-    console = Console()
+    print(f"{'alarms' if watched.alarms else 'no alarm'}, limits of process {process}")
     if watched.alarms:
-        table = Table("from [s]", "to [s]", "sure", "cause", "advice", title=f"alarms, limits of process {process}")
-        for one in watched.alarms:
-            told = one.finding
-            table.add_row(f"{one.begin_s:.0f}", f"{one.end_s:.0f}", f"{told.confidence:.0%}", told.cause, told.advice)
-        console.print(table)
-    else:
-        print(f"no alarm, limits of process {process}")
+        found = [(one, one.finding) for one in watched.alarms]
+        rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f"{f.confidence:.0%}", f.cause, f.advice) for a, f in found]
+        print_table(rows, ("from [s]", "to [s]", "sure", "cause", "advice"))
     for name, (gain, error) in watched.gains.items():
         interval = f" ± {2.0 * error:.1%}" if isfinite(error) else ""
         print(f"gain of {name}: {gain:.1%}{interval} of the model's")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 from importlib import import_module
-from typing import Any
+
+from fsw.command import command, option
 
 NODES = {
     "controller": "fsw_scenario.controller_node",
@@ -22,16 +23,13 @@ NODES = {
 }
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    text = "run one node; what follows its name goes to the node, e.g. --help or --ros-args"
-    parser = commands.add_parser("node", help=text, description=f"node: {text}.")
-    parser.add_argument("node", choices=sorted(NODES), metavar="NODE", help="which node")
-    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="...", help="arguments of the node")
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "node",
+    "run one node; what follows its name goes to the node, e.g. --help or --ros-args",
+    option("node", choices=sorted(NODES), metavar="NODE", help="which node"),
+    option("words", nargs=argparse.REMAINDER, metavar="...", help="arguments of the node"),
+)
+def node(arguments: argparse.Namespace) -> int:
     sys.argv = [f"fsw node {arguments.node}", *arguments.words]  # nodes read their arguments there
     code: int = import_module(NODES[arguments.node]).main()
     return code

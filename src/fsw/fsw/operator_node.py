@@ -126,20 +126,25 @@ def domain_text() -> str:
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
 
 
+def graph_text(node: Operator) -> str:
+    """The ROS domain and the namespace in words."""
+    return f"{domain_text()}, namespace {node.node.get_namespace()}"
+
+
 @contextlib.contextmanager
-def operator(timeout_s: float, namespace: str = "") -> Iterator[Operator]:
-    """Join the graph of a namespace as ``fsw_operator`` for as long as the context lasts."""
+def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
+    """Join the graph of ``--namespace`` as ``fsw_operator`` for as long as the context lasts."""
     try:
         rclpy.init(args=[])
     except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
         raise CommandError(str(error)) from None
     try:
-        node = rclpy.create_node("fsw_operator", namespace=namespace)
+        node = rclpy.create_node("fsw_operator", namespace=arguments.namespace)
     except InvalidNamespaceException as error:
         rclpy.try_shutdown()
         raise CommandError(f"--namespace: {' '.join(str(error).split())}") from None
     try:
-        yield Operator(node, timeout_s)
+        yield Operator(node, arguments.timeout)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
@@ -147,7 +152,7 @@ def operator(timeout_s: float, namespace: str = "") -> Iterator[Operator]:
 
 def ask(arguments: argparse.Namespace, service: Any, name: str, request: Any = None, extra_s: float = 0.0) -> int:
     """Call a service that answers with success and a message."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         response = node.call(service, name, request or service.Request(), extra_s)
     if not (response.success if service is Trigger else response.ok):
         raise CommandError(response.message)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
+from fsw_schema.files import replacing
 
 
 def check_new(files: Iterable[Path | None], force: bool) -> None:
@@ -27,6 +28,13 @@ def write_text(file: Path, text: str) -> None:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CommandError(f"cannot write {file}: {error.strerror}") from None
+
+
+def write_whole(file: Path, write: Callable[[Path], object]) -> None:
+    """Write a file that is there only when it is whole, its folder first."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as part:
+        write(part)
 
 
 def write_json(file: Path | None, values: Any) -> None:

@@ -29,7 +29,7 @@ _TYPES = {
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out; returns the exit code."""
-    with operator(arguments.timeout, arguments.namespace) as node:
+    with operator(arguments) as node:
         client = client_of(node, arguments.node)
 
         def answer(future: Any) -> Any:

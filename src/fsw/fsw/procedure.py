@@ -4,51 +4,34 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
+from fsw.command import FORCE, command, group, option
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.keys import add_private_key, private_key
-from fsw.options import add_force
+from fsw.keys import PRIVATE_KEY, private_key, public_keys
 from fsw.outputs import check_new, write_text
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import Procedure, differences, load, shipped
 from fsw_quality.procedure_limits import check_possible, node_parameters
-from fsw_quality.signature import load_private, load_public, sign, signature_path, verify_file
+from fsw_quality.signature import load_public, sign, signature_path, verify_file
 from fsw_schema.models import content_of, validate
 
-
-def add_command(commands: Any) -> None:
-    """Add the command and its subcommands to the parser's."""
-    parser = commands.add_parser(
-        "procedure",
-        help="check, sign, show and compare welding procedures",
-        description="Check, sign, show and compare welding procedures: the limits that a weld must keep, as data.",
-    )
-    verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    name = f"YAML file, or one of {', '.join(shipped())}"
-    for verb, run, text, files in (
-        ("check", _check, "whether a procedure can be used; prints its identity and hash", ("procedure",)),
-        ("show", _show, "all of a procedure, with the source of each figure", ("procedure",)),
-        ("diff", _diff, "what differs between two procedures; exit code 1 when anything does", ("old", "new")),
-    ):
-        one = verbs.add_parser(verb, help=text, description=f"{verb}: {text}.")
-        for file in files:
-            one.add_argument(file, help=name)
-        if verb == "check":
-            text = "public key by which it must be signed; may be repeated (default: a signature is optional)"
-            one.add_argument("--key", type=Path, action="append", metavar="FILE.pub", default=[], help=text)
-        one.set_defaults(run=run)
-    text = "sign a procedure, so that every command that reads it detects a later change"
-    signing = verbs.add_parser("sign", help=text, description=f"sign: {text}. Writes FILE.sig beside it.")
-    signing.add_argument("procedure", type=Path, help="YAML file")
-    add_private_key(signing)
-    add_force(signing)
-    signing.set_defaults(run=_sign)
+PROCEDURE = group(
+    "procedure",
+    "check, sign, show and compare welding procedures",
+    "Check, sign, show and compare welding procedures: the limits that a weld must keep, as data.",
+)
+_NAME = f"YAML file, or one of {', '.join(shipped())}"
 
 
-def _check(arguments: argparse.Namespace) -> int:
+@command(
+    "procedure check",
+    "whether a procedure can be used; prints its identity and hash",
+    option("procedure", help=_NAME),
+    public_keys("public key by which it must be signed (default: a signature is optional)"),
+)
+def check(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
     signer = verify_file(Path(arguments.procedure), [load_public(path) for path in arguments.key] or None)
     if arguments.key and signer is None:
@@ -60,13 +43,22 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _sign(arguments: argparse.Namespace) -> int:
+@command(
+    "procedure sign",
+    "sign a procedure, so that every command that reads it detects a later change",
+    option("procedure", type=Path, help="YAML file"),
+    PRIVATE_KEY,
+    FORCE,
+    description="sign: sign a procedure, so that every command that reads it detects a later change. Writes FILE.sig "
+    "beside it.",
+)
+def signed(arguments: argparse.Namespace) -> int:
     path: Path = arguments.procedure
     target = signature_path(path)
     check_new([target], arguments.force)
     data = path.read_bytes()
     procedure = validate(Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path))
-    write_text(target, sign(data, load_private(private_key(arguments))))
+    write_text(target, sign(data, private_key(arguments)))
     print(f"{_identity(procedure)}\nsignature: {target}")
     return 0
 
@@ -75,7 +67,8 @@ def _identity(procedure: Procedure) -> str:
     return f"{procedure.id} revision {procedure.revision} of {procedure.date}, SHA-256 {procedure.sha256}"
 
 
-def _show(arguments: argparse.Namespace) -> int:
+@command("procedure show", "all of a procedure, with the source of each figure", option("procedure", help=_NAME))
+def show(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
     print(f"{procedure.title}\n{_identity(procedure)}\n")
     tool, machine = procedure.tool, procedure.machine
@@ -104,7 +97,13 @@ def _show(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _diff(arguments: argparse.Namespace) -> int:
+@command(
+    "procedure diff",
+    "what differs between two procedures; exit code 1 when anything does",
+    option("old", help=_NAME),
+    option("new", help=_NAME),
+)
+def diff(arguments: argparse.Namespace) -> int:
     found = differences(load(arguments.old), load(arguments.new))
     if not found:
         print("no difference")

@@ -15,7 +15,7 @@ from fsw.welds import Weld, read_bag
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
-from fsw_identification.weld_data import WeldData, prepare
+from fsw_identification.weld_data import prepare
 from fsw_model import STEP_S, Equilibrium, ModelParameters, ProcessModel, equations
 from fsw_plant.config import specs
 from fsw_schema.models import InputError
@@ -325,28 +325,16 @@ def identify(
     lag_s = specs()["actuators.lag_s"].default if drive_lag_s is None else drive_lag_s
     data = [prepare(_weld(one).signals, lag_s) for one in welds]
     checked = None if validate is None else prepare(_weld(validate).signals, lag_s)
-    return fit(data, checked, None if air is None else _weld(air), start or ModelParameters(), lag_s, steady, progress)
+    first = start or ModelParameters()
+    deviations: dict[str, float] = {}
+    if air is not None:
+        first, deviations = from_air(_weld(air).signals, first, lag_s)
+    segments = [segment for weld in data for segment in weld.segments]
+    found = estimation.identify(segments, first, progress, steady)
+    validation = None if checked is None else estimation.validate(checked.segments, found.parameters)
+    notes = tuple(note for weld in data for note in weld.notes)
+    return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 
 
 def _weld(given: Weld | str | Path) -> Weld:
     return given if isinstance(given, Weld) else read_bag(given)
-
-
-def fit(
-    welds: Sequence[WeldData],
-    checked: WeldData | None,
-    air: Weld | None,
-    start: ModelParameters,
-    drive_lag_s: float,
-    steady: bool,
-    progress: Callable[[float], None] | None = None,
-) -> Identified:
-    """Estimate from prepared data; see :func:`identify`."""
-    deviations: dict[str, float] = {}
-    if air is not None:
-        start, deviations = from_air(air.signals, start, drive_lag_s)
-    segments = [segment for weld in welds for segment in weld.segments]
-    found = estimation.identify(segments, start, progress, steady)
-    validation = None if checked is None else estimation.validate(checked.segments, found.parameters)
-    notes = tuple(note for weld in welds for note in weld.notes)
-    return Identified(", ".join(weld.name for weld in welds), found, validation, notes, deviations)

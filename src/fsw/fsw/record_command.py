@@ -4,42 +4,36 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
+from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.options import add_file, add_force
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
+from fsw_quality import report
 from fsw_quality.procedure import load, shipped
-
-if TYPE_CHECKING:
-    from fsw_quality.record import Record
+from fsw_quality.record import Record
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "record",
-        help="record of a weld for who signs for it: verdict, rules, exceedances, figures",
-        description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-        "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
-        "has a record, too.",
-    )
-    parser.add_argument("bag", type=Path, nargs="+", help=DAMAGED_TOO)
-    parser.add_argument("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}")
-    add_file(parser, "--out", "folder for the records", "DIR", required=True)
-    text = "folder with records of earlier welds: compare with the last accepted ones of the procedure"
-    add_file(parser, "--compare", text, "DIR")
-    add_force(parser)
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from fsw_quality import report  # matplotlib takes a second to import
-
+@command(
+    "record",
+    "record of a weld for who signs for it: verdict, rules, exceedances, figures",
+    option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
+    option("--procedure", required=True, help=f"YAML file, or one of {', '.join(shipped())}"),
+    file("--out", "folder for the records", "DIR", required=True),
+    file(
+        "--compare",
+        "folder with records of earlier welds: compare with the last accepted ones of the procedure",
+        "DIR",
+    ),
+    FORCE,
+    description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
+    "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
+    "has a record, too.",
+)
+def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # what is wrong in it is said before anything else
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):

@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
 
 from fsw.bags import print_notes
-from fsw.console import program
+from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.errors import CommandError
-from fsw.options import add_file, add_repeated
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
+from fsw_analysis.export import export_weld
+from fsw_analysis.figures import Run, draw, draw_whole_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
@@ -35,55 +36,54 @@ from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
 from fsw_schema.yaml_text import load_yaml
 
-if TYPE_CHECKING:
-    from fsw_analysis.figures import Run
 
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "simulate",
-        help="run a scenario offline; writes signals, figures of merit and figures",
-        description="Run a scenario in this process, without middleware: plant emulator and controllers at full speed.",
-    )
-    parser.add_argument("scenario", nargs="?", help=f"YAML file, or one of {', '.join(shipped())}")
-    parser.add_argument(
+@command(
+    "simulate",
+    "run a scenario offline; writes signals, figures of merit and figures",
+    option("scenario", nargs="?", help=f"YAML file, or one of {', '.join(shipped())}"),
+    option(
         "--controller",
         action="append",
         metavar="NAME[:TUNING]",
         help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; your "
         "own: MODULE:CLASS or FILE.py:CLASS",
-    )
-    text = "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
-    add_repeated(parser, "--parameter", "CONTROLLER.NAME=VALUE", text)
-    text = f"parameters of controllers' nodes, in ROS's format, e.g. from {program()} tune"
-    add_repeated(parser, "--params-file", "FILE", text, type=Path)
-    parser.add_argument("--no-noise", action="store_true", help="no sensor noise, no quantisation")
-    text = "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"
-    add_repeated(parser, "--set", "KEY=VALUE", text)
-    add_file(parser, "--out", "folder for the results (default out/<date>_<scenario>)", "DIR")
-    parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
-    text = "with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the bag"
-    parser.add_argument(
-        "--procedure", metavar="PROCEDURE", default="", help=f"{text}; one of {', '.join(procedures())}"
-    )
-    text = f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}"
-    add_repeated(parser, "--identity", "KEY=VALUE", text)
-    parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
-    parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+    ),
+    repeated(
+        "--parameter", "CONTROLLER.NAME=VALUE", "parameter of a controller's node, e.g. nmpc.tuning_file=tuning.yaml"
+    ),
+    repeated(
+        "--params-file",
+        "FILE",
+        "parameters of controllers' nodes, in ROS's format, e.g. from fsw.py tune",
+        type=Path,
+    ),
+    switch("--no-noise", "no sensor noise, no quantisation"),
+    repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10"),
+    file("--out", "folder for the results (default out/<date>_<scenario>)", "DIR"),
+    switch("--bag", "also run the weld in the graph, in lockstep, and record it"),
+    option(
+        "--procedure",
+        metavar="PROCEDURE",
+        default="",
+        help="with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the "
+        f"bag; one of {', '.join(procedures())}",
+    ),
+    repeated(
+        "--identity",
+        "KEY=VALUE",
+        f"with --bag: what is welded with what, into the bag's metadata and the record: {', '.join(IDENTITY)}",
+    ),
+    switch("--no-figures", "figures of merit only"),
+    switch("--list", "list the shipped scenarios and exit"),
+    description="Run a scenario in this process, without middleware: plant emulator and controllers at full speed.",
+)
+def simulate(arguments: argparse.Namespace) -> int:
     if arguments.list:
         for name in shipped():
             print(f"{name:<24} {' '.join(load(name).description.split())}")
         return 0
     if arguments.scenario is None:
         raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")
-    from fsw_analysis.export import export_weld
-    from fsw_analysis.figures import Run
-
     by_procedure: dict[str, dict[str, Any]] = {}
     if arguments.procedure:
         if not arguments.bag:
@@ -136,8 +136,6 @@ def _loops(
 
 def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
     """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
-    from fsw_analysis.figures import draw, draw_whole_weld
-
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.markdown(results), end="")
     paths = kpi_table.write(results, folder)
@@ -212,8 +210,8 @@ def run_graph(graph: WeldGraph, title: str) -> None:
 def _parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """Parameters by controller, from files and options."""
     parameters: dict[str, dict[str, Any]] = {}
-    for file in arguments.params_file:
-        parameters.update(_parameters_in(file))
+    for source in arguments.params_file:
+        parameters.update(_parameters_in(source))
     for text in arguments.parameter:
         key, value = assignment("--parameter", text)
         controller, _, name = key.partition(".")
@@ -228,18 +226,5 @@ def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
     try:
         content = load_yaml(file.read_text(encoding="utf-8"))
         return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
-    except OSError as error:
-        raise CommandError(f"cannot read {file}: {error.strerror}") from None
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
         raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None
-
-
-def assignment(option: str, text: str) -> tuple[str, Any]:
-    """Name and value, which is YAML, of an argument NAME=VALUE."""
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip():
-        raise CommandError(f"{option} {text}: write NAME=VALUE")
-    try:
-        return name.strip(), load_yaml(value)
-    except yaml.YAMLError:
-        return name.strip(), value

@@ -11,11 +11,13 @@ from typing import Any
 import yaml
 
 import fsw
-from fsw.console import program
-from fsw.options import add_file, add_number
+from fsw.command import command, file, number, switch
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
+from fsw_scenario.identification_design import plant_factors
+from fsw_scenario.standard_runs import draw_sweep, sweep
+from fsw_scenario.tune_decentral import NAMES
 from fsw_schema.ranges import Range
 
 #: processes that differ from the model, as factors on its parameters
@@ -30,34 +32,30 @@ _SWEEP: dict[str, dict[str, float]] = {
 EVALUATIONS = 3000
 
 
-def add_command(commands: Any) -> None:
-    """Add the command to the parser's subcommands."""
-    parser = commands.add_parser(
-        "tune",
-        help="tunings of both controllers for a model",
-        description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
-        "rule, plot their performance on processes that differ from the model, and write parameter files for the "
-        "controllers' nodes.",
-    )
-    add_file(parser, "--model", f"model file, e.g. from {program()} identify", required=True)
-    add_file(parser, "--out", "folder for the files", "DIR", required=True)
-    text = "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)"
-    add_number(parser, "--evaluations", "N", Range(1, 1_000_000, ""), text, EVALUATIONS, int)
-    parser.add_argument(
-        "--no-sweep", action="store_true", help="without the figure of processes that differ from the model"
-    )
-    parser.set_defaults(run=_run)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+@command(
+    "tune",
+    "tunings of both controllers for a model",
+    file("--model", "model file, e.g. from fsw.py identify", required=True),
+    file("--out", "folder for the files", "DIR", required=True),
+    number(
+        "--evaluations",
+        "N",
+        Range(1, 1_000_000, ""),
+        "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)",
+        EVALUATIONS,
+        int,
+    ),
+    switch("--no-sweep", "without the figure of processes that differ from the model"),
+    description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
+    "rule, plot their performance on processes that differ from the model, and write parameter files for the "
+    "controllers' nodes.",
+)
+def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
     own = write_tunings(arguments.model, folder, arguments.evaluations)
     model_file = folder / "model.yaml"
     if not arguments.no_sweep:
-        from fsw_scenario.identification_design import plant_factors
-        from fsw_scenario.standard_runs import draw_sweep, sweep
-
         own["nmpc:default"] = {"model_file": str(model_file)}
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
@@ -71,8 +69,6 @@ def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str 
 
     ``origin``: comment for the head of the files.
     """
-    from fsw_scenario.tune_decentral import NAMES
-
     own: dict[str, Mapping[str, Any]] = {}
     for name in NAMES:
         label = f"decentral:{name}"

@@ -17,13 +17,14 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fsw.controller import Controller
-from fsw.welds import overridden
+from fsw.welds import overrides_of
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig
 from fsw_plant.batch import CHANNELS, PlantBatch
 from fsw_scenario.closed_loop import plant_of
 from fsw_scenario.scenario import Scenario, start_reference
+from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import references
 from fsw_schema.models import InputError
 
@@ -75,7 +76,7 @@ class _Welds:
     """``n`` welds of a scenario, without any interface."""
 
     def __init__(self, scenario: str | Path, plant: Mapping[str, Any] | None, noise: bool, n: int) -> None:
-        made = overridden(scenario, plant=plant, noise=noise)
+        made = load(scenario, overrides_of(plant, None, noise))
         config = PlantConfig.from_values(made.plant)
         if config.canister is not None or any(event.fault is not None for event in made.events):
             raise InputError(f"{made.name}: fsw/Weld-v0 has the paper's process and no sensor faults")

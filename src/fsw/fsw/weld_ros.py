@@ -22,18 +22,29 @@ _ACTION = "fsw/run_weld"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out; returns the exit code."""
-    if arguments.verb in ("hold", "resume"):
-        return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
-    if arguments.verb == "abort":
-        return _abort(arguments)
+    """Run a scenario and follow it; exit code 1 for a weld that was not done."""
     scenario = load(arguments.scenario, arguments.set)  # what is wrong in it is said before anything is sent
-    with operator(arguments.timeout, arguments.namespace) as node:
-        return _follow(node, RunWeld.Goal(scenario=scenario.text))
+    with operator(arguments) as node:
+        try:
+            outcome = follow(node, RunWeld.Goal(scenario=scenario.text))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
+    kpi = outcome.kpi
+    print(f"{outcome.verdict}: {outcome.message}")
+    print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
+    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
+    print(f"bag: {outcome.bag or 'none is recorded'}")
+    return 0 if outcome.verdict == State.DONE else 1
 
 
-def _abort(arguments: argparse.Namespace) -> int:
-    with operator(arguments.timeout, arguments.namespace) as node:
+def hold_or_resume(arguments: argparse.Namespace) -> int:
+    """Stop the travel of the programme, or go back to it."""
+    return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
+
+
+def give_up(arguments: argparse.Namespace) -> int:
+    """Abort the weld that is under way."""
+    with operator(arguments) as node:
         aborted = abort(node)
     if not aborted:
         raise CommandError("refused: no weld is under way that could be aborted")
@@ -44,20 +55,6 @@ def _abort(arguments: argparse.Namespace) -> int:
 def abort(node: Operator) -> bool:
     """Cancel whatever goal there is; returns whether there was one."""
     return bool(node.call(CancelGoal, f"{_ACTION}/_action/cancel_goal", CancelGoal.Request()).goals_canceling)
-
-
-def _follow(node: Operator, goal: Any) -> int:
-    """Send a goal and print its feedback until the result; exit code 1 for a weld that was not done."""
-    try:
-        outcome = follow(node, goal)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
-    kpi = outcome.kpi
-    print(f"{outcome.verdict}: {outcome.message}")
-    print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
-    print(f"largest error: {units.mm_from_m(kpi.depth_max_error):.4g} mm, {kpi.temperature_max_error:.4g} degC")
-    print(f"bag: {outcome.bag or 'none is recorded'}")
-    return 0 if outcome.verdict == State.DONE else 1
 
 
 def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:

@@ -14,10 +14,8 @@ from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
-from fsw_plant import PlantConfig, prepare
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import OURS, make, make_all, name_of, short
-from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load
 from fsw_schema.models import InputError
 
@@ -232,11 +230,12 @@ def simulate(
     own = {} if parameters is None or not isinstance(controller, str) else {name_of(controller): parameters}
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
-    label, loop = closed_loop(scenario, controller, _overrides(plant, changes, noise), own)
+    label, loop = closed_loop(scenario, controller, overrides_of(plant, changes, noise), own)
     return Weld(label, loop.run(progress))
 
 
-def _overrides(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+def overrides_of(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
+    """Other values of a scenario, see :func:`simulate`, as :func:`fsw_scenario.scenario_file.load` takes them."""
     for name, given in (("plant", plant), ("changes", changes)):
         if not isinstance(given, Mapping | None):
             raise InputError(f"simulate: {name} is a mapping of names to values, not {given!r}")
@@ -246,27 +245,15 @@ def _overrides(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | Non
     return [f"{name}={json.dumps(value)}" for name, value in values.items()]
 
 
-def overridden(
-    scenario: str | Path,
-    plant: Mapping[str, Any] | None = None,
-    changes: Mapping[str, Any] | None = None,
-    noise: bool | None = None,
-) -> Scenario:
-    """A scenario with other values, see :func:`simulate`."""
-    return load(scenario, _overrides(plant, changes, noise))
-
-
 def closed_loop(
     source: str | Path,
     controller: str | Controller | None,
     overrides: Sequence[str] = (),
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
-    heating: Progress | None = None,
 ) -> tuple[str, ClosedLoop]:
     """Label of a weld, and what runs it; see :func:`simulate`.
 
-    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name of the controller;
-    ``heating`` gets the progress of what is computed once for a canister.
+    ``overrides`` are as :func:`fsw_scenario.scenario_file.load` takes them, ``parameters`` by name of the controller.
     """
     if not isinstance(controller, str | None) and (isinstance(controller, type) or not hasattr(controller, "step")):
         raise InputError(f"simulate: controller is a name or an object of a controller's class, not {controller!r}")
@@ -277,7 +264,6 @@ def closed_loop(
     name = scenario.controller if controller is None else own.name if own else name_of(str(controller))
     if controller is not None:
         scenario = load(source, [*overrides, f"controller={name}"])
-    prepare(PlantConfig.from_values(scenario.plant), (lambda share, _: heating(share)) if heating else None)
     if own is not None:
         return own.name, ClosedLoop(
             scenario, {one: own if one == own.name else make(one) for one in scenario.controllers}

@@ -1,6 +1,7 @@
 """The operator's command, as far as it needs no graph."""
 
 import json
+import subprocess
 import sys
 
 import pytest
@@ -244,3 +245,18 @@ def test_help_names_commands_as_the_user_types_them(capsys, monkeypatch, name, c
     monkeypatch.setattr(sys, "argv", [f"/somewhere/{name}"])
     _, printed, _ = run(capsys, *command, "--help")
     assert f"{name} " in printed and ("fsw.py" in printed) == (name == "fsw.py")
+
+
+@pytest.mark.slow
+def test_a_command_imports_nothing_of_others_and_no_extra_is_needed_for_help():
+    code = """
+import subprocess
+import sys
+from fsw.main import parser
+parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
+assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
+extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua starlette rclpy"
+sys.modules.update(dict.fromkeys(extras.split()))
+assert "verify-evidence" in parser("fsw.py", "bag").format_help() + parser().parse_args(["bag", "verify-evidence"]).verb
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

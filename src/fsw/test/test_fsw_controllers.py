@@ -68,8 +68,8 @@ def bag_with(monkeypatch, names, differences=(), not_comparable=()):
         return SimpleNamespace(notes=[], comparable=name not in not_comparable, against_own=lambda *_: compared)
 
     messages = SimpleNamespace(controllers=lambda _: names)
-    monkeypatch.setattr("fsw.bag_verify.read_messages", lambda _: messages)
-    monkeypatch.setattr("fsw.bag_verify.replay", replay)
+    monkeypatch.setattr("fsw.bag_replay.read_messages", lambda _: messages)
+    monkeypatch.setattr("fsw.bag_replay.replay", replay)
 
 
 def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
@@ -92,6 +92,6 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
 
     different, not_comparable = ([name for name, one in names.items() if one in kinds] for kinds in ((1, 4), (4,)))
     bag_with(monkeypatch, list(names), different, not_comparable)
-    monkeypatch.setattr("fsw.bag_verify.maker", maker)
-    monkeypatch.setattr("fsw.bag_verify.described_in", lambda _: None)
+    monkeypatch.setattr("fsw.bag_replay.maker", maker)
+    monkeypatch.setattr("fsw.bag_replay.described_in", lambda _: None)
     assert main(["bag", "verify", str(weld_bag)]) == code

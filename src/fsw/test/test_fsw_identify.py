@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fsw import identify_command as identify
 from fsw.main import main
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import ModelParameters
@@ -39,7 +38,7 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_identify(
     experiment: WeldSignals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(identify, "load_weld", lambda bag, progress=None: experiment)
+    monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: experiment)
     out, folder = tmp_path / "model.yaml", tmp_path / "report"
     assert main(["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]) == 0
     found = ModelParameters.from_file(out)
@@ -56,7 +55,7 @@ def test_identify(
 def test_a_weld_at_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     text = yaml.safe_dump({"name": "rest", "duration_s": 40.0, "controller": "none"})
     rest = ClosedLoop(scenario_file.parse(text, "rest")).run()
-    monkeypatch.setattr(identify, "load_weld", lambda bag, progress=None: rest)
+    monkeypatch.setattr("fsw.bags.load_weld", lambda bag, progress=None: rest)
     out = tmp_path / "model.yaml"
     assert "force and speed hardly move" in error_of(capsys, "identify", "weld", "--out", str(out))
     assert not out.exists()

@@ -49,4 +49,4 @@ def test_history_without_its_library_says_what_to_install_in_a_line(tmp_path, ca
     monkeypatch.delattr(fsw_quality, "history", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["history", "report", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install pyarrow\n"
+    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install 'fsw-control[history]'\n"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from zlib import crc32
+
+from matplotlib.axes import Axes
 
 STYLE = {
     "font.size": 10.0,
@@ -27,6 +29,13 @@ CONTROLLER_COLOURS = {
 }
 #: Of everything else.
 COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
+
+
+def shade_phases(axes: Iterable[Axes], spans: Iterable[tuple[float, float]]) -> None:
+    """Put every other phase of a weld on a grey ground; ``spans`` are begin and end of each, in the axes' unit."""
+    for axis in axes:
+        for number, (begin, end) in enumerate(spans):
+            axis.axvspan(begin, end, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
 
 
 def colours_of(names: Sequence[str]) -> list[str]:

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.changes import marks
-from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of
+from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of, shade_phases
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -291,9 +291,8 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
 
 def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
     """Every other phase on a grey ground; the names of the first axis stand in the middle of each."""
-    for number, (name, begin_s, end_s) in enumerate(phases):
-        for axis in axes:
-            axis.axvspan(begin_s, end_s, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+    shade_phases(axes, [(begin_s, end_s) for _, begin_s, end_s in phases])
+    for name, begin_s, end_s in phases:
         middle, across = 0.5 * (begin_s + end_s), axes[0].get_xaxis_transform()
         axes[0].text(middle, 0.03, name, transform=across, rotation=90, fontsize=7.0, ha="center", color="dimgray")
 

@@ -15,7 +15,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from fsw_analysis.figure_style import COLOURS, STYLE, colours_of
+from fsw_analysis.figure_style import COLOURS, STYLE, colours_of, shade_phases
 from fsw_analysis.phase_kpi import Span
 from fsw_canister import CanisterState
 from fsw_canister.history import HeatHistory
@@ -142,9 +142,8 @@ def _draw_curves(axes: Sequence[Axes], picture: HeatPicture) -> None:
         "transform": axes[-1].get_xaxis_transform(),
     }
     last_s = -minutes[-1]
-    for number, (name, begin_s, end_s) in enumerate(picture.phases):
-        for axis in axes:
-            axis.axvspan(begin_s / 60.0, end_s / 60.0, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+    shade_phases(axes, [(begin_s / 60.0, end_s / 60.0) for _, begin_s, end_s in picture.phases])
+    for name, begin_s, _ in picture.phases:
         if begin_s - last_s > 0.7 * minutes[-1]:  # no name over another
             axes[-1].text(begin_s / 60.0 + 0.003 * minutes[-1], 0.06, name.replace("_", " "), **style)
             last_s = begin_s

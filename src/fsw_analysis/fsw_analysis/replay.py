@@ -1,18 +1,19 @@
 """Deterministic replay: drives a controller by a bag and compares its proposals with the recorded ones.
 
 Time comes from the bag alone. At every tick the controller gets what its node had then: the samples of that stamp,
-judged by the same sensor validity, the set-points in force and the command applied before. So the build that was
-recorded reproduces its proposals bit by bit on the same kind of processor, and another build, tuning or controller
-shows where it first differs and by how much.
+judged by the same sensor validity, the set-points in force and the command applied before; in real time without what
+was sent only after the controller had answered the tick. So the build that was recorded reproduces its proposals bit
+by bit on the same kind of processor, and another build, tuning or controller shows where it first differs and by how
+much.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -231,6 +232,22 @@ def _health(healthy: bool, reason: str) -> str:
     return ("healthy" if healthy else "not healthy") + (f" ({reason})" if reason else "")
 
 
+@dataclass(frozen=True, slots=True)
+class _Sent(Generic[Entry]):
+    """A message's content, with when its sender sent it and when the recorder got it [ns]."""
+
+    publish_ns: int
+    log_ns: int
+    value: Entry
+
+    def after(self, answer: _Sent[None] | None) -> bool:
+        """Whether it was sent after an answer.
+
+        Both times must agree: clocks of two computers differ, and a recorder that was stalled receives in any order.
+        """
+        return answer is not None and self.publish_ns > answer.publish_ns and self.log_ns > answer.log_ns
+
+
 class _Inputs:
     """The content of a bag for the replay of one controller."""
 
@@ -248,19 +265,23 @@ class _Inputs:
         #: stamp and command, in order of receipt
         self._commands = _commands(messages.table("/fsw/command", _INPUTS))
         #: what the drives reported, by stamp
-        self._drives = dict(_commands(messages.table("/fsw/drives", _INPUTS)))
+        self._drives = {stamp_ns: sent.value for stamp_ns, sent in _commands(messages.table("/fsw/drives", _INPUTS))}
         #: value by stamp, by sensor; of several with one stamp the first
-        self._samples: dict[str, dict[int, float]] = {}
+        self._samples: dict[str, dict[int, _Sent[float]]] = {}
         received: dict[int, int] = {}
         for sensor, table in sensors.items():
-            values = table.column(SENSOR_FIELDS[sensor][1]).tolist()
-            self._samples[sensor] = dict(zip(table.stamp_ns[::-1].tolist(), values[::-1], strict=True))
-            for stamp_ns, log_ns in zip(table.stamp_ns.tolist(), table.log_ns.tolist(), strict=True):
-                received[stamp_ns] = max(log_ns, received.get(stamp_ns, log_ns))
-        self._samples["depth"] = {stamp_ns: mm_from_m(value) for stamp_ns, value in self._samples["depth"].items()}
+            values: list[float] = table.column(SENSOR_FIELDS[sensor][1]).tolist()
+            samples = list(_sent(table, [mm_from_m(value) for value in values] if sensor == "depth" else values))
+            self._samples[sensor] = dict(reversed(samples))
+            for stamp_ns, sent in samples:
+                received[stamp_ns] = max(sent.log_ns, received.get(stamp_ns, sent.log_ns))
         self.stamps = self._own.stamp_ns if self._own else np.array(sorted(received), np.int64)
         self.time_s = experiment_time_s(self.stamps)
         answered = self._own.log_ns.tolist() if self._own else [0] * len(self.stamps)
+        #: the proposal of each tick, after which nothing could be known any more; in lockstep nothing comes so late
+        self._answers: list[_Sent[None] | None] = [None] * len(self.stamps)
+        if self._own and self.stamps[0] > _REAL_TIME_NS:
+            self._answers = [sent for _, sent in _sent(self._own, [None] * len(self.stamps))]
         #: when the last sample of each tick had been received; of one without samples the proposal
         self.came = np.array([received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)], np.int64)
 
@@ -278,7 +299,7 @@ class _Inputs:
             values = recorded_parameters(self._messages.attachments, self._messages.namespace, name)
         except BagError as error:
             notes.append(f"{error}; its defaults are used")
-            first = next((command for _, command in self._commands), None)
+            first = next((sent.value for _, sent in self._commands), None)
             values = {"initial_force": first.force_kn, "initial_speed": first.speed_rpm} if first else {}
         changes = self._messages.table("/parameter_events", {"node": "text"})
         own = changes.column("node") == f"{self._messages.namespace}/fsw_{name}"
@@ -339,17 +360,19 @@ class _Inputs:
         reference: Reference | None = None
         plan, last_ns = ReferencePlan(), None
         proposals: list[Proposal] = []
-        for stamp_ns, came_ns in zip(stamps, self.came.tolist(), strict=False):
+        for stamp_ns, came_ns, answer_sent in zip(stamps, self.came.tolist(), self._answers, strict=False):
             reference = _latest(waiting, stamp_ns, reference)
             plan = _latest(plans, came_ns, plan)
-            applied = _latest(commands, stamp_ns - 1, applied)
+            while commands and commands[0][0] < stamp_ns and not commands[0][1].after(answer_sent):
+                applied = commands.popleft()[1].value
             if last_ns is not None and not 0 < stamp_ns - last_ns <= JUMP_NS:
                 guard.reset()
                 controller.reset(applied)
                 last_ns = None
             dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / NANOSECONDS
             last_ns = stamp_ns
-            values = {sensor: samples[stamp_ns] for sensor, samples in self._samples.items() if stamp_ns in samples}
+            sent = {sensor: samples.get(stamp_ns) for sensor, samples in self._samples.items()}
+            values = {sensor: one.value for sensor, one in sent.items() if one and not one.after(answer_sent)}
             measurement = guard.measure(stamp_ns * 1e-9, values, self._drives.get(stamp_ns))
             followed = reference and replace(reference, coming=plan.after(stamp_ns, reference))
             proposals.append(answer(controller, measurement, followed, applied, dt_s))
@@ -364,7 +387,7 @@ class _Inputs:
 
     def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
         """The command applied in each tick; of several commands with one stamp the first, as in the plant."""
-        commands = dict(reversed(self._commands))
+        commands = {stamp_ns: sent.value for stamp_ns, sent in reversed(self._commands)}
         found = (commands.get(stamp_ns) for stamp_ns in stamps)
         return [one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found]
 
@@ -376,10 +399,17 @@ def _latest(waiting: deque[tuple[int, Entry]], until_ns: int, present: Entry) ->
     return present
 
 
-def _commands(table: Table) -> list[tuple[int, Command]]:
-    columns = (table.stamp_ns, table.column("axial_force"), table.column("spindle_speed"))
+def _sent(table: Table, values: Sequence[Entry]) -> Iterator[tuple[int, _Sent[Entry]]]:
+    columns = (table.stamp_ns.tolist(), table.publish_ns.tolist(), table.log_ns.tolist(), values)
+    for stamp_ns, publish_ns, log_ns, value in zip(*columns, strict=True):
+        yield stamp_ns, _Sent(publish_ns, log_ns, value)
+
+
+def _commands(table: Table) -> list[tuple[int, _Sent[Command]]]:
+    columns = (table.column(name).tolist() for name in ("axial_force", "spindle_speed"))
+    commands = [Command(kn_from_n(force), rpm_from_rad_s(speed)) for force, speed in zip(*columns, strict=True)]
     return [
-        (stamp_ns, Command(kn_from_n(force), rpm_from_rad_s(speed)))
-        for stamp_ns, force, speed in zip(*(values.tolist() for values in columns), strict=True)
-        if math.isfinite(force) and math.isfinite(speed)
+        one
+        for one in _sent(table, commands)
+        if math.isfinite(one[1].value.force_kn) and math.isfinite(one[1].value.speed_rpm)
     ]

@@ -52,16 +52,15 @@ def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> 
 
 
 def _records(replay: Replay, topic: str) -> Iterator[BagRecord]:
-    store = Definitions().typestore(_TYPE, interface_definition(_TYPE))
-    kinds = store.types
+    definitions, definition = Definitions(), interface_definition(_TYPE)
     for stamp_ns, came_ns, proposal in zip(replay.stamps, replay.came, replay.proposals, strict=True):
-        time = kinds["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NANOSECONDS))
-        message = kinds[_TYPE](
-            header=kinds["std_msgs/msg/Header"](stamp=time, frame_id=""),
-            axial_force=n_from_kn(proposal.command.force_kn),
-            spindle_speed=rad_s_from_rpm(proposal.command.speed_rpm),
-            source=replay.controller,
-            healthy=proposal.healthy,
-            reason=proposal.reason,
-        )
-        yield BagRecord(topic, _TYPE, came_ns, came_ns, bytes(store.serialize_cdr(message, _TYPE)), 0)
+        sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+        values = {
+            "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
+            "axial_force": n_from_kn(proposal.command.force_kn),
+            "spindle_speed": rad_s_from_rpm(proposal.command.speed_rpm),
+            "source": replay.controller,
+            "healthy": proposal.healthy,
+            "reason": proposal.reason,
+        }
+        yield BagRecord(topic, _TYPE, came_ns, came_ns, definitions.encode(_TYPE, definition, values), 0)

@@ -108,14 +108,18 @@ def record(
     late: str = "",
     stated: bool = False,
     announced: bool = False,
+    late_command_at: int = -1,
+    late_sample_at: int = -1,
 ) -> Path:
     """Bag of a run in which `Integrator` answers a made-up depth, as its node would.
 
     ``late``: at tick 30 other set-points come "before the samples" of the tick or "before its proposal", and the
     controller follows them from the next tick on; ``stated``: it says which ones it follows. ``announced``: before
-    tick 20 a change at tick 40 is announced.
+    tick 20 a change at tick 40 is announced. ``late_command_at``, ``late_sample_at``: the command applied before, or
+    the thermocouple's sample, comes after the controller has answered this tick.
     """
     controller, applied, last = Integrator(), INITIAL, None
+    held: dict[str, Any] | None = None
     controller.reset(applied)
     with BagWriter(bag) as writer:
         tape = Tape(writer, space, begin_ns)
@@ -139,9 +143,10 @@ def record(
             depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)
             tape.put("/fsw/depth", depth=depth_m)
             tape.put("/fsw/spindle_torque", torque=1050.0 + tick % 3)
-            if tick != lost_sensor_at:
+            if tick not in (lost_sensor_at, late_sample_at):
                 tape.put("/fsw/thermocouple", temperature=temperature)
             else:
+                late_temperature = temperature
                 temperature = 849.0 + 0.01 * ((tick - 1) % 5)  # the last good sample stands in
             if by_hand and tick == 30:
                 tape.put_reference(FIRST)
@@ -150,8 +155,19 @@ def record(
             dt_s, last = 0.1 if last is None else (tape.stamp - last) / 1e9, tape.stamp
             measured = Measurement(tape.stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
             command = controller.step(measured, reference, applied, dt_s).command
-            wire = {"axial_force": n_from_kn(command.force_kn), "spindle_speed": rad_s_from_rpm(command.speed_rpm)}
+            wire: dict[str, Any] = {
+                "axial_force": n_from_kn(command.force_kn),
+                "spindle_speed": rad_s_from_rpm(command.speed_rpm),
+            }
             tape.put("/fsw/simple/proposal", source="simple", healthy=True, **wire)
+            if tick == late_sample_at:
+                tape.put("/fsw/thermocouple", temperature=late_temperature)
+            if held:
+                tape.put("/fsw/command", source="simple", healthy=True, **held)
+                held = None
+            if tick + 1 == late_command_at:
+                held = {**wire, "header": header(tape.stamp)}
+                continue
             tape.put("/fsw/command", source="simple", healthy=True, **wire)
             applied = Command(wire["axial_force"] * 1e-3, wire["spindle_speed"] / (3.141592653589793 / 30.0))
     return bag
@@ -173,6 +189,8 @@ def check(bag: Path, kind: type[Integrator] = Integrator, **changes: Any) -> Rep
         {"late": "before its proposal", "stated": True},
         {"late": "before the samples", "stated": True},
         {"announced": True},
+        {"late_command_at": 25, "begin_ns": 2**60},
+        {"late_sample_at": 25, "begin_ns": 2**60},
     ],
 )
 def test_same_build_is_reproduced_bit_by_bit(tmp_path: Path, options: dict[str, Any]) -> None:

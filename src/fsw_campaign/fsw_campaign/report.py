@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.report import templates, wilson
 from fsw_campaign import figures, quality
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
@@ -23,13 +23,7 @@ from fsw_campaign.quality import Requirement
 from fsw_campaign.statistics import MAIN, Results
 from fsw_campaign.welds import DIVERGED, ERROR, OK
 
-_TEMPLATES = Environment(
-    loader=PackageLoader("fsw_campaign"),
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-    undefined=StrictUndefined,
-)
+_TEMPLATES = templates("fsw_campaign")
 
 
 def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
@@ -169,7 +163,8 @@ def _inside(results: Results) -> list[list[str]]:
     status, rows = results.texts("status"), []
     for label in results.labels:
         own = results.controller == label
-        good, total, low, high = results.share(results.inside, label)
+        good, total = results.count(results.inside, label)
+        low, high = wilson(good, total)
         counts = [str(int(np.sum(status[own] == word))) for word in (OK, DIVERGED, ERROR)]
         rows.append([label, *counts, str(good), f"{100 * good / total:.2f}", f"{100 * low:.2f} to {100 * high:.2f}"])
     return rows
@@ -193,7 +188,8 @@ def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[l
 
 
 def _share(results: Results, good: NDArray[np.bool_], label: str) -> str:
-    count, total, low, high = results.share(good, label)
+    count, total = results.count(good, label)
+    low, high = wilson(count, total)
     return f"{100 * count / total:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
 

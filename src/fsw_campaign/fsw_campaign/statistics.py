@@ -103,14 +103,10 @@ class Results:
             found &= one.hold(values)
         return np.asarray(found)
 
-    def share(self, good: NDArray[np.bool_], label: str) -> tuple[int, int, float, float]:
-        """How many rows of a controller are good, how many there are, and the Wilson interval (95 %) of the share."""
-        from scipy.stats import binomtest
-
+    def count(self, good: NDArray[np.bool_], label: str) -> tuple[int, int]:
+        """How many rows of a controller are good, and how many there are."""
         own = good[self.controller == label]
-        count, total = int(own.sum()), int(own.size)
-        interval = binomtest(count, total).proportion_ci(_CONFIDENCE, method="wilson")
-        return count, total, float(interval.low), float(interval.high)
+        return int(own.sum()), int(own.size)
 
     def ratio(self, column: str, label: str) -> Vector:
         """Ratios of a figure to that of the first controller on the same plants, where both are above 0."""

@@ -11,6 +11,7 @@ import pytest
 pa = pytest.importorskip("pyarrow")
 
 from fsw_analysis.kpi import compute  # noqa: E402
+from fsw_analysis.report import wilson  # noqa: E402
 from fsw_campaign import dataset, definition, report, software  # noqa: E402
 from fsw_campaign.dataset import Dataset  # noqa: E402
 from fsw_campaign.definition import Bounds  # noqa: E402
@@ -155,7 +156,8 @@ def test_statistics_of_a_campaign(folder):
     results = Results(made, table, folder)
     assert results.labels == ["decentral:tight", "mine"]
     assert results.complete.tolist() == [0, 1, 3]
-    good, total, low, high = results.share(results.inside, "mine")
+    good, total = results.count(results.inside, "mine")
+    low, high = wilson(good, total)
     p, z2 = good / total, 1.959963984540054**2  # Wilson's formula
     centre, spread = p + z2 / (2 * total), (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5
     assert (low, high) == pytest.approx(((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total)))

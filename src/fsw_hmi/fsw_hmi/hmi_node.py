@@ -30,6 +30,7 @@ from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
+from fsw_hmi.history_report import HistoryReport
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
@@ -91,7 +92,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        app = application(self._page.routes(), [values["host"], *values["allow_hosts"]], listening.gate)
+        report = HistoryReport(values["history_report"]).routes()
+        app = application([*self._page.routes(), *report], [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
         self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -182,6 +184,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _say_hello(self) -> None:
         hello = {
             "emulator": self._emulator,
+            "all_welds": bool(self._settings["history_report"]),
             "limits": limits(
                 self._interlocks, {name: self._setting(name) for name in (*DEVIATIONS, *QUALITY_TEMPERATURE)}
             ),

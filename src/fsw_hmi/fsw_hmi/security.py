@@ -26,7 +26,7 @@ Counter = Callable[[Any], AbstractContextManager[None]]
 
 
 class Security:
-    """Middleware: refuses requests from other pages, and adds the headers to every answer.
+    """Middleware: refuses requests from other pages, and adds those headers to an answer that it lacks.
 
     The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is refused, too; every browser
     sends one.
@@ -46,7 +46,9 @@ class Security:
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(HEADERS)
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         why_not = _refusal(Headers(scope=scope), scope["type"] == "websocket")

@@ -42,6 +42,7 @@ interface Hello {
   server_s: number;
   login: "token" | "password";
   emulator: boolean;
+  all_welds: boolean;
   columns: string[];
   limits: Limits;
   reference: Reference;

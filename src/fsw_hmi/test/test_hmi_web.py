@@ -57,6 +57,7 @@ def test_uplot_is_served_once_it_is_installed(server, uplot):
         ("/page/..%2f..%2fhmi.yaml", "GET", 404),
         ("/page//etc/passwd", "GET", 404),
         ("/etc/passwd", "GET", 404),
+        ("/all_welds", "GET", 404),
         ("/ws", "GET", 404),
         ("/page/main.js", "DELETE", 405),
         ("/page/" + "x" * 60_000, "GET", 404),
@@ -363,3 +364,17 @@ def test_frames_of_the_graph_replace_each_other(server):
         page.until("hello")
         server.call(partial(server.page.show, "state", json.dumps({"t": "state", "known": False})))
         assert page.until("state")["known"] is False
+
+
+def test_report_on_all_welds_has_its_own_policy_and_runs_no_script(make_server, tmp_path):
+    server = make_server(history_report=str(tmp_path / "report.html"))
+    response, content = get(server, "/all_welds")
+    assert (response.status, b"fsw.py history report" in content) == (404, True)
+    (tmp_path / "report.html").write_text("<p>60 welds</p>")
+    response, content = get(server, "/all_welds")
+    assert (response.status, content) == (200, b"<p>60 welds</p>")
+    policy = "Content-Security-Policy"
+    assert response.getheader(policy).startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:;")
+    assert {name: response.getheader(name) for name in HEADERS if name != policy} == {
+        name: value for name, value in HEADERS.items() if name != policy
+    }

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from jinja2 import Environment, PackageLoader
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import COLOURS, STYLE
+from fsw_analysis.report import templates
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
 from fsw_identification.statistics import LAGS, Judgement
@@ -23,15 +23,16 @@ def write(result: Summary, folder: Path) -> list[Path]:
     """Write ``report.html``, a single file, and its figure ``report.png``; returns the paths."""
     picture, page = folder / "report.png", folder / "report.html"
     _draw(result, picture)
-    templates = Environment(
-        loader=PackageLoader("fsw_identification"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    text = templates.get_template("report.html.j2").render(
-        sources=result.sources,
-        parameters=parameter_rows(result),
-        outputs=output_rows(result),
-        remarks=remarks(result),
-        image=base64.b64encode(picture.read_bytes()).decode("ascii"),
+    text = (
+        templates("fsw_identification", html=True)
+        .get_template("report.html.j2")
+        .render(
+            sources=result.sources,
+            parameters=parameter_rows(result),
+            outputs=output_rows(result),
+            remarks=remarks(result),
+            image=base64.b64encode(picture.read_bytes()).decode("ascii"),
+        )
     )
     page.write_text(text, encoding="utf-8")
     return [page, picture]

@@ -15,9 +15,9 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import STYLE
+from fsw_analysis.report import templates
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
-from fsw_quality.html_templates import template
 from fsw_schema.files import replacing
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
@@ -100,14 +100,18 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
     """
     found = charts(table)
     said = remarks(table, found)
-    text = template("history.html.j2").render(
-        title=title,
-        welds=table.num_rows,
-        remarks=said[-_MOST:] if len(said) > _MOST else said,
-        left_out=max(0, len(said) - _MOST),
-        tools=tools(table),
-        image=f"data:image/png;base64,{base64.b64encode(draw(table, found)).decode()}",
-        table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
+    text = (
+        templates("fsw_quality", html=True)
+        .get_template("history.html.j2")
+        .render(
+            title=title,
+            welds=table.num_rows,
+            remarks=said[-_MOST:] if len(said) > _MOST else said,
+            left_out=max(0, len(said) - _MOST),
+            tools=tools(table),
+            image=f"data:image/png;base64,{base64.b64encode(draw(table, found)).decode()}",
+            table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
+        )
     )
     with replacing(target) as scratch:
         scratch.write_text(text, encoding="utf-8")

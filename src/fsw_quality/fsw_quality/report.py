@@ -8,9 +8,9 @@ from pathlib import Path
 
 import matplotlib
 
+from fsw_analysis.report import templates
 from fsw_quality import figures
 from fsw_quality.course import Course
-from fsw_quality.html_templates import template
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
 from fsw_schema.files import replacing
@@ -35,7 +35,8 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     images = {"traces": figures.traces(course, procedure)}
     if (drawn := figures.unrolled(course, procedure, record.exceedances)) is not None:
         images["unrolled"] = drawn
-    body = template("body.html.j2").render(
+    pages = templates("fsw_quality", html=True)
+    body = pages.get_template("body.html.j2").render(
         record=record,
         procedure=procedure,
         images={name: f"data:image/png;base64,{base64.b64encode(data).decode()}" for name, data in images.items()},
@@ -44,7 +45,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     title = f"Weld {record.bag}"
     whole = {
         JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
-        PAGE: template("record.html.j2").render(title=title, body=body).encode(),
+        PAGE: pages.get_template("record.html.j2").render(title=title, body=body).encode(),
     }
     if can_write_pdf():
         whole[PDF] = _pdf(body, title)

@@ -1,9 +1,11 @@
-"""Decodes messages by their ``ros2msg`` definition, without ROS and without message classes."""
+"""Decodes and encodes messages by their ``ros2msg`` definition, without ROS and without message classes."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from fsw_recorder.errors import BagError
@@ -25,6 +27,11 @@ class Definitions:
         except Exception as error:  # rosbags lets any exception of its generated code through
             raise BagError(f"a message of type {type_name} is damaged: {error}") from None
 
+    def encode(self, type_name: str, definition: str, values: Mapping[str, Any]) -> bytes:
+        """One message as CDR; ``values`` are by field, of messages in it mappings; what is missing is zero or empty."""
+        store = self.typestore(type_name, definition)
+        return bytes(store.serialize_cdr(_built(store, type_name, values), type_name))
+
     def typestore(self, type_name: str, definition: str) -> Any:
         """Type store of ``rosbags`` that knows only this; a `BagError` when the definition cannot be parsed."""
         key = (type_name, definition)
@@ -37,3 +44,21 @@ class Definitions:
                 raise BagError(f"the definition of {type_name} in the bag cannot be parsed: {error}") from None
             self._stores[key] = store
         return self._stores[key]
+
+
+def _built(store: Any, type_name: str, values: Mapping[str, Any]) -> Any:
+    arguments: dict[str, Any] = {}
+    for name, (kind, detail) in store.fielddefs[type_name][1]:
+        given = values.get(name)
+        if kind.name == "BASE":
+            zero: Any = "" if detail[0] == "string" else False if detail[0] == "bool" else 0
+            arguments[name] = zero if given is None else given
+        elif kind.name == "NAME":
+            arguments[name] = _built(store, detail, given or {})
+        elif detail[0][0].name == "NAME":
+            arguments[name] = [_built(store, detail[0][1], one) for one in given or []]
+        elif detail[0][1][0] == "string":
+            arguments[name] = list(given or [])
+        else:
+            arguments[name] = np.array(given if given is not None else [], dtype=detail[0][1][0])
+    return store.types[type_name](**arguments)

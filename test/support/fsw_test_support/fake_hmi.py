@@ -27,6 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.history_report import HistoryReport
 from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.trends_library import Uplot
@@ -81,6 +82,7 @@ class FakeHmi:
         self.silent = False  #: no frames at all, though the connection stands
         self.measuring = True  #: whether ticks come
         self.emulator = True
+        self.history_report = ""  #: file with the report on all welds
         self.depth_offset_mm = self.temperature_offset_c = 0.0
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
@@ -112,6 +114,7 @@ class FakeHmi:
             routes=[
                 Route("/", self._index),
                 Route("/bags", self._bags),
+                Route("/all_welds", self._all_welds),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
                 Route("/page/uplot/{name}", self._uplot_file),
@@ -287,6 +290,7 @@ class FakeHmi:
             "session": session,
             "login": self._room.login,
             "emulator": self.emulator,
+            "all_welds": bool(self.history_report),
             "columns": COLUMNS,
             "limits": LIMITS,
             "reference": reference(_INTERLOCKS),
@@ -303,6 +307,9 @@ class FakeHmi:
         name = request.path_params["name"]
         kind = "text/css" if name.endswith(".css") else "text/javascript"
         return Response(await self._uplot.file(name), media_type=kind)
+
+    async def _all_welds(self, request: Request) -> Response:
+        return await HistoryReport(self.history_report).answer(request)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.interface_text import interface_definition, interface_hash
@@ -51,32 +49,11 @@ class SampleTypes:
     def __init__(self, definitions: dict[str, str] | None = None) -> None:
         self._definitions = Definitions()
         self._texts = definitions or {}
-        self._stores: dict[str, Any] = {}
 
     def serialize(self, type_name: str, values: dict[str, Any]) -> bytes:
         """Serialized message; fields not given are zero or empty."""
-        if type_name not in self._stores:
-            definition = self._texts.get(type_name) or interface_definition(type_name)
-            self._stores[type_name] = self._definitions.typestore(type_name, definition)
-        store = self._stores[type_name]
-        return bytes(store.serialize_cdr(self._build(store, type_name, values), type_name))
-
-    def _build(self, store: Any, type_name: str, values: dict[str, Any]) -> Any:
-        arguments: dict[str, Any] = {}
-        for name, (kind, detail) in store.fielddefs[type_name][1]:
-            given = values.get(name)
-            if kind.name == "BASE":
-                zero: Any = "" if detail[0] == "string" else False if detail[0] == "bool" else 0
-                arguments[name] = zero if given is None else given
-            elif kind.name == "NAME":
-                arguments[name] = self._build(store, detail, given or {})
-            elif detail[0][0].name == "NAME":
-                arguments[name] = [self._build(store, detail[0][1], one) for one in given or []]
-            elif detail[0][1][0] == "string":
-                arguments[name] = list(given or [])
-            else:
-                arguments[name] = np.array(given if given is not None else [], dtype=detail[0][1][0])
-        return store.types[type_name](**arguments)
+        definition = self._texts.get(type_name) or interface_definition(type_name)
+        return self._definitions.encode(type_name, definition, values)
 
 
 #: topic, values and delay of the receipt [ns]

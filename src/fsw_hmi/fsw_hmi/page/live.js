@@ -74,7 +74,7 @@ export class LivePage {
     this.store = new Store(hello.columns);
     this.bars = new Bars(byId("values"), hello.limits);
     this.trends?.destroy();
-    this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
+    this.trends = new LiveTrends(byId("trends"), this.store, hello.limits, hello.all_welds);
     this.map?.destroy();
     this.map = new WeldMap(byId("map"), hello.columns, hello.limits, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
     this.#show();

@@ -26,15 +26,16 @@ export class LiveTrends {
   /** @type {{now: number, moment: number?}} */ #drawn = { now: NaN, moment: null };
   toServerS = 0; // from the weld's clock to the server's
 
-  /** @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
-  constructor(root, store, limits) {
+  /** `allWelds`: whether there is a report on the welds before. @param {HTMLElement} root @param {import("./store.js").Store} store @param {Limits} limits */
+  constructor(root, store, limits, allWelds = false) {
     this.store = store;
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
     this.back = el("button", { type: "button", className: "primary back", onclick: () => this.look(null) }, "Back to now");
     const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
+    const report = el("a", { href: "all_welds", target: "_blank", rel: "noopener", className: "button", hidden: !allWelds }, "All welds");
     const plots = el("div", { className: "plots" });
-    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, this.back, legend), plots);
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, report, this.back, legend), plots);
     this.trends = new Trends(plots, {
       lines: (key) => liveLines(key, limits),
       label: (time) => this.#label(time),

@@ -1,0 +1,133 @@
+"""How a command is declared: by ``@command`` above the function that carries it out, with options of one form."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw.console import program
+from fsw.errors import CommandError
+from fsw_schema.ranges import Range
+from fsw_schema.yaml_text import load_yaml
+
+Run = Callable[[argparse.Namespace], int]
+#: adds itself to a parser
+Option = Callable[[argparse.ArgumentParser], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command, or a group of commands, which has no ``run``; ``main`` makes the parser of all of a module."""
+
+    name: str  #: all words, e.g. ``bag kpi``
+    text: str  #: in the list of commands
+    description: str
+    options: Sequence[Option] = ()
+    run: Run | None = None
+    usage: str | None = None
+    needs: Sequence[str] = ()  #: modules of the extra that has the name of the first word
+
+    def __call__(self, arguments: argparse.Namespace) -> int:
+        """Carry it out; CommandError when a module of its extra is missing."""
+        extra = self.name.split()[0]
+        for module in self.needs:
+            try:
+                import_module(module)
+            except ImportError:
+                install = f"pip install 'fsw-control[{extra}]'"
+                raise CommandError(f"{extra}: {module} is missing: {install}") from None
+        return self.run(arguments) if self.run else 2
+
+
+def command(
+    name: str,
+    text: str,
+    *options: Option,
+    description: str = "",
+    usage: str | None = None,
+    needs: Sequence[str] = (),
+) -> Callable[[Run], Command]:
+    """Make a function that returns the exit code a command; texts call the command line ``fsw.py``."""
+    return lambda run: Command(name, text, description or _sentence(name, text), options, run, usage, needs)
+
+
+def group(name: str, text: str, description: str = "") -> Command:
+    """Commands whose names begin with this one's."""
+    return Command(name, text, description or _sentence(name, text))
+
+
+def _sentence(name: str, text: str) -> str:
+    return f"{name.split()[-1]}: {text}."
+
+
+def as_typed(text: str) -> str:
+    """A text with the name of the command line as the user types it."""
+    return text.replace("fsw.py ", f"{program()} ")
+
+
+def option(*flags: str, **settings: Any) -> Option:
+    """An option or argument as :meth:`argparse.ArgumentParser.add_argument` takes it."""
+
+    def add(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument(*flags, **settings | {"help": as_typed(settings.get("help", ""))})
+
+    return add
+
+
+def switch(flag: str, text: str) -> Option:
+    """An option without a value."""
+    return option(flag, action="store_true", help=text)
+
+
+def file(flag: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
+    """An option that takes a path."""
+    return option(flag, type=Path, metavar=metavar, help=text, **more)
+
+
+def repeated(flag: str, metavar: str, text: str, **more: Any) -> Option:
+    """An option that may be given several times; a list, empty by default."""
+    return option(flag, action="append", default=[], metavar=metavar, help=f"{text}; may be repeated", **more)
+
+
+def number(
+    flag: str, metavar: str, allowed: Range, text: str, default: float | None = None, kind: type[float] = float
+) -> Option:
+    """An option that takes a number in a range, of which the error tells; ``kind`` is int for a whole number."""
+
+    def read(text: str) -> float:
+        try:
+            value = kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number ({allowed})") from None
+        if complaint := allowed.complaint(value):
+            raise argparse.ArgumentTypeError(complaint)
+        return value
+
+    return option(flag, metavar=metavar, type=read, default=default, help=text)
+
+
+def assignment(option: str, text: str) -> tuple[str, Any]:
+    """Name and value, which is YAML, of an argument NAME=VALUE."""
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise CommandError(f"{option} {text}: write NAME=VALUE")
+    try:
+        return name.strip(), load_yaml(value)
+    except yaml.YAMLError:
+        return name.strip(), value
+
+
+FORCE = switch("--force", "replace files that exist")
+#: of all commands that talk to the graph
+GRAPH = (
+    number(
+        "--timeout", "S", Range(0.1, 600.0, "s"), "maximum time to wait for an answer, 0.1 to 600 s (default 5)", 5.0
+    ),
+    option("--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)"),
+)

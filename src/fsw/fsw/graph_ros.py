@@ -1,0 +1,188 @@
+"""What the commands for a running weld do that need one service, and what ``status`` shows."""
+
+from __future__ import annotations
+
+import argparse
+from math import nan
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
+
+from fsw.console import print_table
+from fsw.errors import CommandError
+from fsw.graph import CLEAR
+from fsw.operator_node import ask, graph_text, operator
+from fsw_control import units
+from fsw_control.topics_ros import LATEST
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SetReference, SwitchController
+from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry, magnitude_unit
+from fsw_plant.event_schema import fault as checked_fault
+from fsw_schema.models import validate
+
+#: how long to go on listening after the first message
+_SETTLE_S = 1.0
+
+
+def reference(arguments: argparse.Namespace) -> int:
+    """New set-points."""
+    depth, temperature = arguments.depth, arguments.temperature
+    if depth is None and temperature is None:
+        raise CommandError("reference: give --depth, --temperature or both")
+    request = SetReference.Request(
+        depth=nan if depth is None else units.m_from_mm(depth),
+        temperature=nan if temperature is None else temperature,
+        ramp=arguments.ramp,
+    )
+    return ask(arguments, SetReference, "fsw/set_reference", request)
+
+
+def disturb(arguments: argparse.Namespace) -> int:
+    """A disturbance of the emulated plant."""
+    shape = "none" if arguments.shape == CLEAR else arguments.shape
+    key, allowed = DISTURBANCE_AMPLITUDE[arguments.channel]
+    if shape == "none" and arguments.amplitude is not None:
+        raise CommandError(f"disturb: {arguments.shape} takes no amplitude")
+    if shape != "none" and arguments.amplitude is None:
+        raise CommandError(f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance")
+    entry = {"channel": arguments.channel, "shape": shape, key: arguments.amplitude}
+    entry |= {"duration_s": arguments.duration, "period_s": arguments.period}
+    wanted = validate(DisturbanceEntry, entry, "disturb").event(0.0)
+    request = SetDisturbance.Request(
+        channel=arguments.channel,
+        shape=shape,
+        amplitude=units.to_si(wanted.amount, allowed.unit),
+        duration=wanted.duration_s,
+        period=wanted.period_s,
+    )
+    return ask(arguments, SetDisturbance, "fsw/plant/set_disturbance", request)
+
+
+def fault(arguments: argparse.Namespace) -> int:
+    """A fault of a sensor of the emulated plant."""
+    kind = "none" if arguments.kind == CLEAR else arguments.kind
+    if (kind in WITH_MAGNITUDE) != (arguments.magnitude is not None):
+        needs = "needs a" if kind in WITH_MAGNITUDE else "takes no"
+        raise CommandError(f"fault: {arguments.kind} {needs} magnitude")
+    wanted = checked_fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
+    request = SetFault.Request(
+        sensor=wanted.target,
+        kind=wanted.kind,
+        magnitude=units.to_si(wanted.amount, magnitude_unit(arguments.sensor, kind)),
+        duration=wanted.duration_s,
+    )
+    return ask(arguments, SetFault, "fsw/plant/set_fault", request)
+
+
+def switch(arguments: argparse.Namespace) -> int:
+    """Another controller."""
+    seconds = int(arguments.wait)
+    request = SwitchController.Request(
+        name=arguments.controller,
+        strictness=SwitchController.Request.STRICT if arguments.strict else SwitchController.Request.BEST_EFFORT,
+        timeout=Duration(sec=seconds, nanosec=round((arguments.wait - seconds) * 1e9)),
+    )
+    return ask(arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait)
+
+
+def mode(arguments: argparse.Namespace) -> int:
+    """The source of commands."""
+    manual, given = arguments.mode == "manual", (arguments.force, arguments.speed)
+    if manual and None in given:
+        raise CommandError("mode manual needs --force and --speed")
+    if not manual and given != (None, None):
+        raise CommandError("--force and --speed are for mode manual only")
+    request = SetMode.Request(
+        mode=arguments.mode,
+        axial_force=units.n_from_kn(arguments.force) if manual else nan,
+        spindle_speed=units.rad_s_from_rpm(arguments.speed) if manual else nan,
+    )
+    return ask(arguments, SetMode, "fsw/set_mode", request)
+
+
+def acknowledge(arguments: argparse.Namespace) -> int:
+    """A safe stop whose causes are gone."""
+    return ask(arguments, Trigger, "fsw/acknowledge")
+
+
+def controllers(arguments: argparse.Namespace) -> int:
+    """The controllers in the graph."""
+    with operator(arguments) as node:
+        response = node.call(ListControllers, "fsw/list_controllers", ListControllers.Request())
+    print(f"mode {response.mode}, active {response.active or 'none'}")
+    header = ("controller", "state", "latency, mean [ms]", "largest [ms]", "missed", "late", "rejected")
+    rows = [
+        (
+            *(one.name, health(one), f"{one.latency_mean * 1e3:.2f}", f"{one.latency_max * 1e3:.2f}"),
+            *(str(one.missed), str(one.late), str(one.rejected)),
+        )
+        for one in response.controllers
+    ]
+    print_table(rows, header, words=2)
+    return 0
+
+
+def health(controller: Any) -> str:
+    """Whether a controller can be selected, in words."""
+    if controller.reason:
+        return f"cannot be selected: {controller.reason}"
+    return "ready" if controller.warm else "not ready yet"
+
+
+def status(arguments: argparse.Namespace) -> int:
+    """What runs in the graph."""
+    with operator(arguments) as node:
+        states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
+        set_points = node.watch_set_points()
+        stated = node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
+        commands = node.watch(WeldCommand, "fsw/command")
+        depths = node.watch(ShoulderDepth, "fsw/depth")
+        torques = node.watch(SpindleTorque, "fsw/spindle_torque")
+        temperatures = node.watch(Temperature, "fsw/thermocouple")
+        received = (states, set_points, stated, commands, depths, torques, temperatures)
+        if not node.wait_until(lambda: any(received)):
+            raise CommandError(f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace")
+        node.wait_until(lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S)
+        # hidden ones, e.g. that of the ros2 command, begin with an underscore
+        shown = (name for name in node.node_names() if name != "fsw_operator" and not name.startswith("_"))
+        nodes = sorted(shown)
+        reference = node.set_points_in_force(set_points, depths)
+    rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
+    for label, values, target, unit in (
+        ("depth", [units.mm_from_m(one.depth) for one in depths], reference and reference.depth_mm, "mm"),
+        ("temperature", [one.temperature for one in temperatures], reference and reference.temperature_c, "degC"),
+        ("torque", [one.torque for one in torques], None, "N m"),
+    ):
+        measured = f"{values[-1]:.5g} {unit}" if values else "not measured"
+        rows.append((label, measured if target is None else f"{measured}   set-point {target:.4g} {unit}"))
+    if reference is None:
+        rows.append(("set-points", "none yet"))
+    command = "none"
+    if commands:
+        force, speed = units.kn_from_n(commands[-1].axial_force), units.rpm_from_rad_s(commands[-1].spindle_speed)
+        command = f"{force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}"
+    print_table([*rows, ("command", command)])
+    return 0
+
+
+def _publishers(node: Any) -> set[str]:
+    """Names of the nodes whose topics this command shows."""
+    topics = ("fsw/depth", "fsw/supervisor/state", "fsw/command")
+    return {publisher.node_name for topic in topics for publisher in node.get_publishers_info_by_topic(topic)}
+
+
+def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
+    if state is None:
+        return [("supervisor", "none")]
+    rows = [("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")]
+    if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
+        rows.append(("  requested", f"{state.target_mode}, {state.target_controller}"))
+    if state.actual_mode == "safe_stop":
+        needed = "acknowledged" if state.acknowledged else "acknowledge it before another mode"
+        rows.append(("  safe stop", needed))
+    rows += [(f"  {controller.name}", health(controller)) for controller in state.controllers]
+    if state.interlocks:
+        rows.append(("interlocks", ", ".join(state.interlocks)))
+    return rows
