@@ -209,12 +209,13 @@ def test_a_wrong_identity_is_refused_before_the_weld(
 def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_programme_weld(tmp_path / "weld")
     arguments = (tmp_path / "weld", "--procedure", "copper_lid", "--out", tmp_path / "out")
-    assert run(*arguments) == 0
-    assert "REJECT" in capsys.readouterr().out
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "record.json").write_text("{}")
     assert run(*arguments) == 1
     assert "record.json exists; choose another name, or give --force" in capsys.readouterr().err
     assert run(tmp_path / "weld", *arguments, "--force") == 1
     assert "one of the bags is given twice" in capsys.readouterr().err
     assert run(*arguments, "--force") == 0
+    assert "REJECT" in capsys.readouterr().out
     operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
     assert operators == ["anna (3f2a)"]
