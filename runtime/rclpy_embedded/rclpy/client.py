@@ -5,12 +5,14 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.impl.endpoint import RequestId, ServiceEndpoint, matched_ids
+from rclpy.impl.endpoint import RequestId, matched_ids
+from rclpy.service_introspection import IntrospectedEndpoint
 from rclpy.task import Future
 from rclpy.utilities import wait_until
+from service_msgs.msg import ServiceEventInfo
 
 
-class Client(ServiceEndpoint):
+class Client(IntrospectedEndpoint):
     """Sends requests; created by ``Node.create_client``."""
 
     _is_server = False
@@ -35,21 +37,26 @@ class Client(ServiceEndpoint):
 
     def call_async(self, request: Any) -> Future:
         """Send a request; the returned future completes with the response."""
+        return self._complete(Future(), request)
+
+    def _complete(self, future: Future, request: Any) -> Future:
+        """Send a request; complete the future with the response."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
         self._check()
-        future = Future()
         with self._lock:
             self._sequence_number += 1
             number = self._sequence_number
+            request_id = RequestId(self._guid, number)
             # Known before it is sent: the response may come before write returns.
             self._pending_requests[number] = future
             try:
-                self._send(RequestId(self._guid, number), request)
+                self._send(request_id, request)
             except Exception:
                 del self._pending_requests[number]
                 raise
         future.add_done_callback(self.remove_pending_request)
+        self._tell(ServiceEventInfo.REQUEST_SENT, request_id, request)
         return future
 
     def get_pending_request(self, sequence_number: int) -> Future:
@@ -66,8 +73,12 @@ class Client(ServiceEndpoint):
     def take_response(self) -> tuple[int, Any] | None:
         """Take the next response to this client and the number of its request, None if there is none."""
         # Replies to all clients of the service come by; only our own are worth decoding.
-        taken = self._receive(self._guid.to_bytes(8, "little"))
-        return None if taken is None else (taken[0].sequence_number, taken[1])
+        taken = self._use(self.handle.receive, self._received, self._guid.to_bytes(8, "little"))
+        if taken is None:
+            return None
+        request_id, response, _ = taken
+        self._tell(ServiceEventInfo.RESPONSE_RECEIVED, request_id, response)
+        return request_id.sequence_number, response
 
     def _take(self) -> Callable[[], Any] | None:
         taken = self.take_response()

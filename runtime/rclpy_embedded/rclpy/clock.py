@@ -180,29 +180,25 @@ class ROSClock(Clock):
     """ROS time: system time, or what a time source says (simulated time)."""
 
     _override_ns = 0
-    _override_active = False
+    #: Whether the time comes from a time source rather than from the system.
+    ros_time_is_active = False
 
     def __new__(cls) -> ROSClock:
         return cast(ROSClock, super().__new__(Clock, clock_type=ClockType.ROS_TIME))
 
     def _now_ns(self) -> int:
-        return self._override_ns if self._override_active else time.time_ns()
-
-    @property
-    def ros_time_is_active(self) -> bool:
-        """Whether the time comes from a time source rather than from the system."""
-        return self._override_active
+        return self._override_ns if self.ros_time_is_active else time.time_ns()
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:
-        if enabled != self._override_active:
+        if enabled != self.ros_time_is_active:
             change = ClockChange.ROS_TIME_ACTIVATED if enabled else ClockChange.ROS_TIME_DEACTIVATED
-            self._jump(TimeJump(change, Duration()), lambda: setattr(self, "_override_active", enabled))
+            self._jump(TimeJump(change, Duration()), lambda: setattr(self, "ros_time_is_active", enabled))
 
     def set_ros_time_override(self, time: Time) -> None:
         """Set the time this clock shows while ROS time is active."""
         if not isinstance(time, Time):
             raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
-        if not self._override_active:
+        if not self.ros_time_is_active:
             self._override_ns = time.nanoseconds
             return
         jump = TimeJump(ClockChange.ROS_TIME_NO_CHANGE, Duration(nanoseconds=time.nanoseconds - self._override_ns))

@@ -119,6 +119,7 @@ class EventHandler(Waitable):
         super().__init__(callback_group)
         self.event_type = event_type
         self.callback = callback
+        #: The writer or reader, which wakes the executor.
         self.condition = parent_impl
         self._status, self._take_status = 0, None
         if event_type.status:
@@ -128,8 +129,14 @@ class EventHandler(Waitable):
         # What happened before the mask was set raised no status, but was counted.
         self._pending = self._read()
 
-    def is_ready(self) -> bool:
-        return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
+    def _wait_ns(self) -> int | None:
+        return 0 if self._pending is not None or self.condition.get_status_changes() & self._status else None
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        wait_set.add_event(self)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        return self._wait_ns() == 0
 
     def _read(self) -> Any:
         if self._take_status is None:

@@ -18,12 +18,12 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.constants import INT64_MAX
 from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl.wait_set import ConditionSet
+from rclpy.impl.wait_set import WaitSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
 
-# Events are checked when nothing else explains a wake-up, and at least this often under constant traffic.
-_EVENT_PERIOD_NS = 20_000_000
+# Waitables are asked when nothing else explains a wake-up, and at least this often under constant traffic.
+_WAITABLE_PERIOD_NS = 20_000_000
 # How often discovery data are taken.
 _TIDY_PERIOD_NS = 1_000_000_000
 # How often a coroutine is resumed that waits for something other than a Future.
@@ -93,16 +93,18 @@ class Executor:
         self._due: list[Task] | None = None
         self._ready: deque[tuple[Any, Any]] = deque()
         with self.context.session.using("failed to create executor"):
-            self._conditions = ConditionSet(self.context.session)
+            self._wait_set = WaitSet(self.context.session)
         self._is_shutdown = False
         self._working = threading.RLock()
         self._entities_changed = True
         self._blocked = False
-        self._timers: list[tuple[Any, Any]] = []
-        self._guards: list[tuple[Any, Any]] = []
+        # Timers and guard conditions, which are ready without a condition of DDS; those of waitables; both.
+        self._timed: list[tuple[Any, Any]] = []
+        self._added_timed: list[Any] = []
+        self._all_timed: list[Any] = []
         self._readers: list[tuple[Any, Any]] = []
-        self._events: list[tuple[Any, Any]] = []
-        self._events_seen_ns = self._tidied_ns = 0
+        self._waitables: list[tuple[Any, Any]] = []
+        self._waitables_seen_ns = self._tidied_ns = 0
         self.context._wakers.add(self)
 
     def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
@@ -128,14 +130,14 @@ class Executor:
                 for node in list(self._nodes):
                     self.remove_node(node)
                 self.context._wakers.discard(self)
-                self._conditions.close()
+                self._wait_set.close()
         finally:
             self._working.release()
         return True
 
     def __del__(self) -> None:
         try:
-            self._conditions.close()
+            self._wait_set.close()
         except (AttributeError, TypeError):  # never made, or the interpreter is ending and half of it is gone
             pass
 
@@ -164,7 +166,7 @@ class Executor:
 
     def wake(self) -> None:
         """End the present wait, so that changes take effect."""
-        self._conditions.wake()
+        self._wait_set.wake()
 
     def _notice(self) -> None:
         self._entities_changed = True
@@ -278,28 +280,28 @@ class Executor:
         """Collect the entities again, without those whose callback group does not let them start."""
         self._entities_changed = False
         self._blocked = False
-        self._timers, self._guards, self._readers, self._events = [], [], [], []
+        self._timed, self._readers, self._waitables, self._wait_set.added = [], [], [], []
         for node in self.get_nodes():
             for target, entities in (
-                (self._timers, list(node.timers)),
-                (self._guards, list(node.guards)),
+                (self._timed, [*node.timers, *node.guards]),
                 (self._readers, [*node.subscriptions, *node.clients, *node.services]),
-                (self._events, list(node.waitables)),
+                (self._waitables, list(node.waitables)),
             ):
                 for entity in entities:
                     if self.can_execute(entity):
                         target.append((entity, node))
                     else:
                         self._blocked = True
-        conditions = [entity.condition for entity, _ in self._readers]
-        conditions += [condition for entity, _ in self._events for condition in entity.conditions]
-        self._conditions.update(conditions)
+        for waitable, _ in self._waitables:
+            waitable.add_to_wait_set(self._wait_set)
+        self._added_timed = [entity for entity in self._wait_set.added if entity.condition is None]
+        self._all_timed = [*self._added_timed, *(entity for entity, _ in self._timed)]
+        waking = [*(entity for entity, _ in self._readers), *self._wait_set.added]
+        self._wait_set.update([entity.condition for entity in waking if entity.condition is not None])
 
     def _shortened(self, timeout_ns: int) -> int:
-        """How long may be waited, at most a time: until the first timer, a poll of coroutines, a guard."""
-        if any(guard._triggered for guard, _ in self._guards):
-            return 0
-        waits = [wait_ns for timer, _ in self._timers if (wait_ns := timer._wait_ns()) is not None]
+        """How long may be waited, at most a time: until the first timer, a poll of coroutines, a guard condition."""
+        waits = [wait_ns for entity in self._all_timed if (wait_ns := entity._wait_ns()) is not None]
         if self._tasks and any(task._resumable and not task.executing() for task in self._tasks):
             waits.append(_POLL_NS)
         return min(timeout_ns, *waits) if waits else timeout_ns
@@ -308,17 +310,17 @@ class Executor:
         """Wait until something is ready, and queue it."""
         if self._entities_changed:
             self._rebuild()
-        triggered = self._conditions.wait(self._shortened(timeout_ns))
+        triggered = self._wait_set.wait(self._shortened(timeout_ns))
         self._due = None
-        self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
+        self._ready.extend(timed for timed in self._timed if timed[0]._wait_ns() == 0)
         # Each look at a condition is a call of Cyclone DDS: none after the last that has been triggered.
         ready = list(islice((one for one in self._readers if one[0].condition.is_triggered()), triggered))
         self._ready.extend(ready)
-        self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
-        if len(ready) < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
-            self._events_seen_ns = now
-            self._ready.extendleft(event for event in self._events if event[0].is_ready())
+        unexplained = len(ready) < triggered or any(entity._wait_ns() == 0 for entity in self._added_timed)
+        if unexplained or now - self._waitables_seen_ns > _WAITABLE_PERIOD_NS:
+            self._waitables_seen_ns = now
+            self._ready.extendleft(one for one in self._waitables if one[0].is_ready(self._wait_set))
         if now - self._tidied_ns > _TIDY_PERIOD_NS:
             self._tidied_ns = now
             self.context.session.graph.tidy()

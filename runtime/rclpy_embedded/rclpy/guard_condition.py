@@ -11,6 +11,8 @@ from rclpy.impl.handle import Destroyable
 class GuardCondition(Destroyable):
     """Calls its callback after ``trigger``; created by ``Node.create_guard_condition``."""
 
+    condition = None
+
     def __init__(
         self, callback: Callable[[], Any] | None, callback_group: CallbackGroup | None, context: Context | None = None
     ) -> None:
@@ -25,6 +27,9 @@ class GuardCondition(Destroyable):
         self._check()
         self._triggered = True
         self._context._wake_all()
+
+    def _wait_ns(self) -> int | None:
+        return 0 if self._triggered else None
 
     def _take(self) -> Callable[[], Any] | None:
         self._triggered = False

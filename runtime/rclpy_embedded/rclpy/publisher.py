@@ -10,6 +10,7 @@ from rclpy.duration import Duration
 from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
+from rclpy.impl.session import Writer
 from rclpy.qos import ReliabilityPolicy
 
 # In between, Python can handle a signal.
@@ -26,7 +27,7 @@ def _acked(writer: Any, timeout_ns: int) -> bool:
 class Publisher(TopicEndpoint):
     """Sends messages on a topic; created by ``Node.create_publisher``."""
 
-    _is_writer = True
+    _kind = Writer
 
     @property
     def logger_name(self) -> str:
@@ -47,11 +48,7 @@ class Publisher(TopicEndpoint):
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         if len(data) > LARGE:
             keep_freed_memory()
-        try:
-            writer.write(writer.data_type(data))
-        except DDSException as error:
-            self._check()
-            raise RCLError(f"Failed to publish: {error}") from error
+        self._use(writer.write, writer.data_type(data))
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions match."""

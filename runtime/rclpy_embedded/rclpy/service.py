@@ -6,7 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.impl.endpoint import RequestId, ServiceEndpoint, peer_id
+from rclpy.impl.endpoint import CallReader, RequestId, peer_id
+from rclpy.service_introspection import IntrospectedEndpoint
+from service_msgs.msg import ServiceEventInfo
+
+from rosidl_embedded.typesupport import type_support
 
 # How long a reply waits for the client's reply reader to be discovered; as rmw_cyclonedds.
 _CLIENT_DISCOVERY_S = 0.1
@@ -22,10 +26,23 @@ class ServiceInfo:
     publication_handle: int = 0
 
 
-class Service(ServiceEndpoint):
+class RequestReader(CallReader):
+    """The handle of a service."""
+
+    def service_take_request(self, request_type: Any) -> tuple[Any, ServiceInfo] | tuple[None, None]:
+        """Take the next request, (None, None) if there is none (or only a malformed one)."""
+        taken = self.receive(type_support(request_type))
+        if taken is None:
+            return None, None
+        request_id, request, info = taken
+        return request, ServiceInfo(info.source_timestamp, time.time_ns(), request_id, info.publication_handle)
+
+
+class Service(IntrospectedEndpoint):
     """Answers requests; created by ``Node.create_service``."""
 
     _is_server = True
+    _kind = RequestReader
 
     def __init__(self, *args: Any, callback: Callable[[Any, Any], Any]) -> None:
         super().__init__(*args)
@@ -34,11 +51,11 @@ class Service(ServiceEndpoint):
 
     def take_request(self) -> tuple[Any, ServiceInfo] | None:
         """Take the next request, None if there is none (or only a malformed one)."""
-        taken = self._receive()
-        if taken is None:
+        request, info = self._use(self.handle.service_take_request, self.srv_type.Request)
+        if info is None:
             return None
-        request_id, request, info = taken
-        return request, ServiceInfo(info.source_timestamp, time.time_ns(), request_id, info.publication_handle)
+        self._tell(ServiceEventInfo.REQUEST_RECEIVED, info.request_id, request)
+        return request, info
 
     def _take(self) -> Callable[[], Any] | None:
         taken = self.take_request()
@@ -76,7 +93,9 @@ class Service(ServiceEndpoint):
         if not isinstance(header, ServiceInfo | RequestId):
             raise TypeError(f"Expected the header of a request, got {type(header)}")
         with self.using("failed to send response"):
-            if isinstance(header, RequestId):
-                self._send(header, response)
-            elif self._await_client(header):
-                self._send(header.request_id, response)
+            if isinstance(header, ServiceInfo):
+                if not self._await_client(header):
+                    return
+                header = header.request_id
+            self._send(header, response)
+            self._tell(ServiceEventInfo.RESPONSE_SENT, header, response)

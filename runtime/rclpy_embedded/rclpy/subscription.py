@@ -9,7 +9,10 @@ from rclpy.impl import faults
 from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
+from rclpy.impl.session import Reader
 from rclpy.utilities import takes
+
+from rosidl_embedded.typesupport import type_support
 
 
 class MessageInfo(TypedDict):
@@ -21,6 +24,32 @@ class MessageInfo(TypedDict):
     reception_sequence_number: int | None
 
 
+class MessageReader(Reader):
+    """The handle of a subscription."""
+
+    def take_message(self, msg_type: Any, raw: bool) -> tuple[Any, MessageInfo] | None:
+        """Take the next message and its metadata, None if there is none (or only a malformed one)."""
+        for sample in self.take(1):
+            info = sample.sample_info
+            if not info.valid_data:
+                continue
+            data = sample.data
+            if len(data) > LARGE:
+                keep_freed_memory()
+            try:
+                message = data if raw else type_support(msg_type).deserialize(data)
+            except ValueError as error:
+                faults.count(self.name, f"malformed message on '{self.name}': {error}")
+                continue
+            return message, MessageInfo(
+                source_timestamp=info.source_timestamp,
+                received_timestamp=time.time_ns(),
+                publication_sequence_number=None,
+                reception_sequence_number=None,
+            )
+        return None
+
+
 class Subscription(TopicEndpoint):
     """Receives messages of a topic; created by ``Node.create_subscription``."""
 
@@ -30,7 +59,7 @@ class Subscription(TopicEndpoint):
         MessageOnly = 0
         WithMessageInfo = 1
 
-    _is_writer = False
+    _kind = MessageReader
 
     def __init__(self, *args: Any, callback: Callable[..., Any], raw: bool) -> None:
         self.callback = callback
@@ -60,24 +89,8 @@ class Subscription(TopicEndpoint):
 
     def take(self) -> tuple[Any, MessageInfo] | None:
         """Take the next message and its metadata, None if there is none (or only a malformed one)."""
-        for sample in self._samples():
-            info = sample.sample_info
-            if not info.valid_data:
-                continue
-            if len(sample.data) > LARGE:
-                keep_freed_memory()
-            try:
-                message = sample.data if self.raw else self._support.deserialize(sample.data)
-            except ValueError as error:
-                faults.count(self._name, f"malformed message on '{self._name}': {error}")
-                continue
-            return message, MessageInfo(
-                source_timestamp=info.source_timestamp,
-                received_timestamp=time.time_ns(),
-                publication_sequence_number=None,
-                reception_sequence_number=None,
-            )
-        return None
+        taken: tuple[Any, MessageInfo] | None = self._use(self.handle.take_message, self.msg_type, self.raw)
+        return taken
 
     def _take(self) -> Callable[[], Any] | None:
         taken = self.take()

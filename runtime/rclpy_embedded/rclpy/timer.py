@@ -32,6 +32,8 @@ class Timer(Destroyable):
     The callback takes nothing, or a TimerInfo. Without `autostart` the timer starts with ``reset``.
     """
 
+    condition = None
+
     def __init__(
         self,
         callback: Callable[..., Any] | None,

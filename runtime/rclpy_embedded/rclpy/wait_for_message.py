@@ -1,12 +1,9 @@
 """Wait for one message."""
 
-import time
 from typing import Any
 
-from rclpy.constants import INT64_MAX
-from rclpy.impl.wait_set import ConditionSet
 from rclpy.qos import QoSProfile
-from rclpy.utilities import timeout_sec_to_nsec
+from rclpy.utilities import wait_until
 
 
 def wait_for_message(
@@ -17,20 +14,15 @@ def wait_for_message(
     Returns (True, message), or (False, None) when the time (in seconds; negative: no limit) is over or the context is
     shut down.
     """
-    timeout_ns = timeout_sec_to_nsec(time_to_wait)
-    deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
+    message: list[Any] = []
+
+    def arrived() -> bool:
+        message.extend((subscription.take() or ())[:1])
+        return bool(message)
+
     try:
-        with subscription.using("failed to wait for a message"), ConditionSet(node.context.session) as conditions:
-            node.context._wakers.add(conditions)
-            conditions.update([subscription.condition])
-            while node.context.ok():
-                if (taken := subscription.take()) is not None:
-                    return True, taken[0]
-                remaining = deadline - time.monotonic_ns()
-                if remaining <= 0:
-                    break
-                conditions.wait(remaining)
+        found = wait_until(arrived, None if time_to_wait < 0 else time_to_wait, node.context)
     finally:
         node.destroy_subscription(subscription)
-    return False, None
+    return found, message[0] if found else None

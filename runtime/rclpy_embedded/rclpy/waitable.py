@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from operator import add
 from typing import Any
@@ -29,18 +29,10 @@ class NumberOfEntities:
 class Waitable:
     """Base class. Once `is_ready`, the executor calls `take_data`, then `execute` with what that returned."""
 
-    #: The DDS entity that wakes the executor; None for something that another entity wakes.
-    condition: Any = None
-
     def __init__(self, callback_group: CallbackGroup) -> None:
         self.callback_group = callback_group
         self.callback_group.add_entity(self)
         self._futures: list[Future] = []
-
-    @property
-    def conditions(self) -> Sequence[Any]:
-        """All DDS entities that wake the executor."""
-        return () if self.condition is None else (self.condition,)
 
     def add_future(self, future: Future) -> None:
         """Let the executor run the done callbacks of `future`."""
@@ -50,8 +42,11 @@ class Waitable:
         """Forget a future that was added."""
         self._futures.remove(future)
 
-    def is_ready(self) -> bool:
-        """Return whether there is something to take."""
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """Add what wakes the executor: handles of subscriptions, timers and the like; each gets a number."""
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """Return whether there is something to take; the wait set tells it of each number."""
         return False
 
     def take_data(self) -> Any:

@@ -25,32 +25,24 @@ _DEFAULTS = {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0
 
 def get_message(type_name: str) -> Any:
     """Class of ``std_msgs/msg/String``, ``std_msgs/String`` or ``std_srvs/srv/Trigger_Request``."""
-    return get_interface(type_name, "message")
+    if catalogue.role("/".join(catalogue.split_name(type_name))) != "message":
+        raise d.UnknownInterfaceError(f"{type_name!r} is not a message")
+    return get_interface(type_name)
 
 
-def get_service(type_name: str) -> Any:
-    """Class of a service, e.g. ``std_srvs/srv/Trigger``, with Request, Response, Event; raises like `get_message`."""
-    return get_interface(type_name, "service")
+def get_interface(type_name: str) -> Any:
+    """Class of a message, a service (with Request, Response, Event) or an action (with Goal, Result, Feedback, Impl).
 
-
-def get_action(type_name: str) -> Any:
-    """Class of an action, e.g. ``test_msgs/action/Fibonacci``, with Goal, Result, Feedback and Impl."""
-    return get_interface(type_name, "action")
-
-
-def get_interface(type_name: str, role: str = "") -> Any:
-    """Class of a message, service or action; d.UnknownInterfaceError if there is none, or none in that `role`."""
+    Raises d.UnknownInterfaceError if there is none, d.InvalidInterfaceError if its definition is wrong.
+    """
     full_name = "/".join(catalogue.split_name(type_name))
-    found = catalogue.role(full_name)
-    if found != (role or found):
-        raise d.UnknownInterfaceError(f"{type_name!r} is not {'an' if role == 'action' else 'a'} {role}")
     with _lock:
         if full_name not in _classes:
             if full_name in _pending:
                 raise d.InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
             _pending.append(full_name)
             try:
-                make = _make_message if found == "message" else _make_whole
+                make = _make_message if catalogue.role(full_name) == "message" else _make_whole
                 _classes[full_name] = make(catalogue.structure(full_name))
             finally:
                 _pending.pop()

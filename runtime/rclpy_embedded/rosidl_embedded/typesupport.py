@@ -8,9 +8,8 @@ from typing import Any
 from .cdr import HEADER_SIZE, Codec
 from .description import interface_definition as interface_definition
 from .description import type_hash as type_hash
-from .message import get_action as get_action
+from .message import get_interface as get_interface
 from .message import get_message as get_message
-from .message import get_service as get_service
 
 # Plain CDR, little-endian.
 _HEADER = b"\x00\x01\x00\x00"

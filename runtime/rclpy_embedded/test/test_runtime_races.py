@@ -23,7 +23,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.impl import session
-from rclpy.impl.wait_set import ConditionSet
+from rclpy.impl.wait_set import WaitSet
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
@@ -269,7 +269,7 @@ def test_all_callbacks_of_a_shutdown_run_even_if_one_raises(context: Context, no
     with pytest.raises(ValueError, match="on purpose"):
         context.shutdown()
     assert called == ["fails", "next"]
-    assert spinner.executor._conditions._woken and context.session._closed
+    assert spinner.executor._wait_set._woken and context.session._closed
 
 
 def test_a_signal_shuts_down_every_context(
@@ -337,22 +337,23 @@ def test_nobody_sleeps_after_a_rate_is_destroyed(node: Any) -> None:
 
 
 def test_an_interrupt_while_the_guard_is_reset_does_not_leave_it_set(context: Context) -> None:
-    with ConditionSet(context.session) as conditions:
-        guard, interrupted = conditions._guard, []
+    conditions = WaitSet(context.session)
+    guard, interrupted = conditions._guard, []
 
-        class Guard:
-            def set(self, value: bool) -> None:
-                guard.set(value)
-                if not value and not interrupted:
-                    interrupted.append(True)
-                    raise KeyboardInterrupt
+    class Guard:
+        def set(self, value: bool) -> None:
+            guard.set(value)
+            if not value and not interrupted:
+                interrupted.append(True)
+                raise KeyboardInterrupt
 
-        conditions._guard = Guard()
-        conditions.wake()
-        with pytest.raises(KeyboardInterrupt):
-            conditions.wait(0)
+    conditions._guard = Guard()
+    conditions.wake()
+    with pytest.raises(KeyboardInterrupt):
         conditions.wait(0)
-        assert conditions.wait(0) == 0 and not conditions._woken and not guard.read()
-        conditions.wake()
-        assert guard.read()
-        conditions._guard = guard
+    conditions.wait(0)
+    assert conditions.wait(0) == 0 and not conditions._woken and not guard.read()
+    conditions.wake()
+    assert guard.read()
+    conditions._guard = guard
+    conditions.close()

@@ -10,7 +10,7 @@ from typing import Any
 from rosidl_embedded import catalogue
 from rosidl_embedded.definition import AbstractNestedType, BasicType, NamespacedType
 from rosidl_embedded.description import type_description
-from rosidl_embedded.typesupport import get_message, get_service, type_hash, type_support
+from rosidl_embedded.typesupport import get_interface, get_message, type_hash, type_support
 
 DATA = Path(__file__).parent / "data"
 GOLDEN = json.loads((DATA / "golden_cdr.json").read_text())
@@ -45,7 +45,7 @@ def support_of_topic(topic: str) -> tuple[Any, int]:
     if topic == "rt/parameter_events":
         return type_support(get_message("rcl_interfaces/msg/ParameterEvent")), 0
     name = "rcl_interfaces/srv/SetParameters" if "set_parameters" in topic else "std_srvs/srv/Trigger"
-    service = get_service(name)
+    service = get_interface(name)
     return type_support(service.Request if topic.startswith("rq/") else service.Response), SERVICE_HEADER_SIZE
 
 
@@ -98,7 +98,7 @@ def test_captured_discovery_names_the_node() -> None:
 
 
 def test_names_on_the_wire() -> None:
-    service = get_service("std_srvs/srv/Trigger")
+    service = get_interface("std_srvs/srv/Trigger")
     assert type_support(service.Request).dds_name == "std_srvs::srv::dds_::Trigger_Request_"
     assert type_support(service.Response).type_hash == GOLDEN["type_hashes"]["std_srvs/srv/Trigger_Response"]
     assert type_support(get_message("std_msgs/String")).dds_name == "std_msgs::msg::dds_::String_"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -10,6 +9,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle, NameValidationException
 from rclpy.impl.endpoint import Endpoint
+from rclpy.impl.wait_set import WaitSet
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.type_support import check_for_type_support, check_is_valid_action_type
@@ -29,7 +29,7 @@ class ActionEntity(Waitable):
         check_is_valid_action_type(action_type)
         super().__init__(callback_group or node.default_callback_group)
         self._node = node
-        self._action_type = action_type
+        self.action_type = action_type
         self._action_name = action_name
         self._endpoints: list[Endpoint] = []
         self._logger = node.get_logger().get_child(type(self).__name__.replace("Action", "action_").lower())
@@ -61,7 +61,7 @@ class ActionEntity(Waitable):
         self, kind: Any, goal: QoSProfile, cancel: QoSProfile, result: QoSProfile, **options: Any
     ) -> dict[str, Any]:
         """Make the services, or the clients of these, with a profile for each."""
-        impl = self._action_type.Impl
+        impl = self.action_type.Impl
         return {
             "goal": self._open(kind, impl.SendGoalService, "send_goal", goal, **options),
             "cancel": self._open(kind, impl.CancelGoalService, "cancel_goal", cancel, **options),
@@ -70,7 +70,7 @@ class ActionEntity(Waitable):
 
     def _open_topics(self, kind: Any, feedback: QoSProfile, status: QoSProfile, **options: Any) -> tuple[Any, Any]:
         """Make the publishers, or the subscriptions, with a profile for each: feedback and status."""
-        impl = self._action_type.Impl
+        impl = self.action_type.Impl
         return (
             self._open(kind, impl.FeedbackMessage, "feedback", feedback, **options),
             self._open(kind, impl.GoalStatusMessage, "status", status, **options),
@@ -85,14 +85,14 @@ class ActionEntity(Waitable):
             self.destroy()
             raise
 
-    @property
-    def conditions(self) -> Sequence[Any]:
-        """What wakes the executor: the conditions of all readers."""
-        return [endpoint.condition for endpoint in self._endpoints if endpoint.condition is not None]
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        """Let all readers wake the executor."""
+        readers = [endpoint.condition for endpoint in self._endpoints if endpoint.condition is not None]
+        self._numbers = [wait_set.add_subscription(reader) for reader in readers]
 
-    def is_ready(self) -> bool:
+    def is_ready(self, wait_set: WaitSet) -> bool:
         """Return whether there is something to take."""
-        return any(condition.is_triggered() for condition in self.conditions)
+        return any(wait_set.is_ready("subscription", number) for number in self._numbers)
 
     def destroy(self) -> None:
         """Destroy the services and topics of the action."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import uuid
 import weakref
 from collections.abc import Callable
@@ -24,41 +23,26 @@ _TERMINAL = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus
 
 
 class ClientGoalHandle:
-    """A goal that was sent; `status` is what the server has published of it last."""
+    """A goal that was sent."""
 
     def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
         self._action_client = action_client
-        self._goal_id = goal_id
-        self._goal_response = goal_response
-        self._status: int = GoalStatus.STATUS_UNKNOWN
+        #: UUID message of the goal.
+        self.goal_id = goal_id
+        #: When the server accepted the goal.
+        self.stamp = goal_response.stamp
+        #: Whether the server accepted the goal.
+        self.accepted: bool = goal_response.accepted
+        #: A constant of ``action_msgs/msg/GoalStatus``, as the server has published it last.
+        self.status: int = GoalStatus.STATUS_UNKNOWN
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, ClientGoalHandle) and bool(self._goal_id == other.goal_id)
+        return isinstance(other, ClientGoalHandle) and bool(self.goal_id == other.goal_id)
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         return f"ClientGoalHandle <id={self.goal_id.uuid}, accepted={self.accepted}, status={self.status}>"
-
-    @property
-    def goal_id(self) -> Any:
-        """UUID message of the goal."""
-        return self._goal_id
-
-    @property
-    def stamp(self) -> Any:
-        """When the server accepted the goal."""
-        return self._goal_response.stamp
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the server accepted the goal."""
-        return bool(self._goal_response.accepted)
-
-    @property
-    def status(self) -> int:
-        """A constant of ``action_msgs/msg/GoalStatus``."""
-        return self._status
 
     def cancel_goal(self) -> Any:
         """Ask for cancellation and wait for the response. Not for use in callbacks: it would block the executor."""
@@ -75,6 +59,14 @@ class ClientGoalHandle:
     def get_result_async(self) -> Future:
         """Ask for the result; the future completes with status and result once the goal has ended."""
         return self._action_client._get_result_async(self)
+
+
+class _GoalFuture(Future):
+    """Of a response about a goal."""
+
+    def __init__(self, goal_id: Any) -> None:
+        super().__init__()
+        self.goal_id = goal_id
 
 
 class ActionClient(ActionEntity):
@@ -94,8 +86,6 @@ class ActionClient(ActionEntity):
         status_sub_qos_profile: QoSProfile = qos_profile_action_status_default,
     ) -> None:
         super().__init__(node, action_type, action_name, callback_group)
-        self._lock = threading.Lock()
-        self._goal_ids: dict[Future, Any] = {}
         # By the bytes of the goal's UUID.
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
@@ -126,19 +116,17 @@ class ActionClient(ActionEntity):
             if taken_data[key] is None:
                 continue
             number, response = taken_data[key]
-            with self._lock:
-                future = client._pending_requests.get(number)
-                goal_id = None if future is None else self._goal_ids.get(future)
-            if future is None or goal_id is None:
+            future = client._pending_requests.get(number)
+            if not isinstance(future, _GoalFuture):
                 self._logger.warning(
                     f"Ignoring unexpected {key} response. There may be more than one action server for the action "
                     f"'{self._action_name}'"
                 )
                 continue
             if key == "goal":
-                response = self._goal_handle(goal_id, response)
+                response = self._goal_handle(future.goal_id, response)
             elif key == "result":
-                finished.append(key_of(goal_id))
+                finished.append(key_of(future.goal_id))
             future.set_result(response)
         for feedback in taken_data["feedback"]:
             callback = self._feedback_callbacks.get(key_of(feedback.goal_id))
@@ -167,23 +155,15 @@ class ActionClient(ActionEntity):
                 continue
             goal_handle = reference()
             if goal_handle is not None:
-                goal_handle._status = status.status
+                goal_handle.status = status.status
             if goal_handle is None or status.status in _TERMINAL:
                 del self._goal_handles[key]
 
     def _call(self, part: str, request: Any, goal_id: Any) -> Future:
-        with self._lock:  # the response may come before the request is known here
-            future = self._clients[part].call_async(request)
-            self._goal_ids[future] = goal_id
+        future = _GoalFuture(goal_id)
         self.add_future(future)
-        future.add_done_callback(self._forget)
-        return future
-
-    def _forget(self, future: Future) -> None:
-        with self._lock:
-            known = self._goal_ids.pop(future, None)
-        if known is not None:
-            self.remove_future(future)
+        future.add_done_callback(self.remove_future)
+        return self._clients[part]._complete(future, request)
 
     def send_goal(self, goal: Any, **kwargs: Any) -> Any:
         """Send a goal and wait for its result. Not for use in callbacks: it would block the executor.
@@ -199,21 +179,21 @@ class ActionClient(ActionEntity):
 
         `feedback_callback` takes the feedback messages of this goal. TypeError if `goal` is not one of this action.
         """
-        if not isinstance(goal, self._action_type.Goal):
-            raise TypeError(f"Expected {self._action_type.Goal}, got {type(goal)}")
+        if not isinstance(goal, self.action_type.Goal):
+            raise TypeError(f"Expected {self.action_type.Goal}, got {type(goal)}")
         goal_id = UUID(uuid=list(uuid.uuid4().bytes)) if goal_uuid is None else goal_uuid
-        request = self._action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal)
+        request = self.action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal)
         if feedback_callback is not None:
             self._feedback_callbacks[key_of(goal_id)] = feedback_callback
         return self._call("goal", request, goal_id)
 
     def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future:
-        request = self._action_type.Impl.CancelGoalService.Request()
+        request = self.action_type.Impl.CancelGoalService.Request()
         request.goal_info.goal_id = goal_handle.goal_id
         return self._call("cancel", request, goal_handle.goal_id)
 
     def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future:
-        request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
+        request = self.action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
         return self._call("result", request, goal_handle.goal_id)
 
     def server_is_ready(self) -> bool:

@@ -68,7 +68,10 @@ class ServerGoalHandle:
     def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
         self._action_server = action_server
         self._goal_info = goal_info
-        self._goal_request = goal_request
+        #: UUID message of the goal.
+        self.goal_id = goal_info.goal_id
+        #: The goal message.
+        self.request = goal_request
         self._state = _ACCEPTED
         self._destroyed = False
         self._ended_ns: int | None = None
@@ -77,16 +80,6 @@ class ServerGoalHandle:
         return isinstance(other, ServerGoalHandle) and bool(self.goal_id == other.goal_id)
 
     __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def request(self) -> Any:
-        """The goal message."""
-        return self._goal_request
-
-    @property
-    def goal_id(self) -> Any:
-        """UUID message of the goal."""
-        return self._goal_info.goal_id
 
     @property
     def is_active(self) -> bool:
@@ -211,11 +204,6 @@ class ActionServer(ActionEntity):
         self._expire_timer = node.create_timer(timeout_sec, self._expire_goals, self.callback_group, autostart=False)
         self._attach()
 
-    @property
-    def action_type(self) -> Any:
-        """Class of the action."""
-        return self._action_type
-
     def get_num_entities(self) -> NumberOfEntities:
         """Return of how many entities it is made."""
         return NumberOfEntities(num_timers=1, num_services=3)
@@ -251,7 +239,7 @@ class ActionServer(ActionEntity):
                 self._logger.warning("Goal request callback did not return a GoalResponse type. Rejecting goal.")
             elif answer is GoalResponse.ACCEPT:
                 goal_handle = self._accept(key, request)
-        response = self._action_type.Impl.SendGoalService.Response(accepted=goal_handle is not None)
+        response = self.action_type.Impl.SendGoalService.Response(accepted=goal_handle is not None)
         if goal_handle is not None:
             response.stamp = goal_handle._goal_info.stamp
         if self._respond("goal", response, header) and goal_handle is not None:
@@ -274,7 +262,7 @@ class ActionServer(ActionEntity):
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:
             # The client still gets a response.
-            result = self._action_type.Result()
+            result = self.action_type.Result()
             self._logger.error(f"Error raised in execute callback: {error}")
             traceback.print_exc()
         if goal_handle.is_active:
@@ -282,12 +270,12 @@ class ActionServer(ActionEntity):
             goal_handle.abort()
         future = self._result_futures.get(bytes(uuid))
         if future is not None:  # not expired
-            response = self._action_type.Impl.GetResultService.Response(status=goal_handle.status)
+            response = self.action_type.Impl.GetResultService.Response(status=goal_handle.status)
             response.result = result
             future.set_result(response)
 
     async def _execute_cancel_request(self, request: Any, header: ServiceInfo) -> None:
-        response = self._action_type.Impl.CancelGoalService.Response()
+        response = self.action_type.Impl.CancelGoalService.Response()
         with self._lock:
             response.return_code, candidates = self._to_cancel(request.goal_info)
         for goal_handle in candidates:
@@ -320,7 +308,7 @@ class ActionServer(ActionEntity):
     def _execute_get_result_request(self, request: Any, header: ServiceInfo) -> None:
         future = self._result_futures.get(key_of(request.goal_id))
         if future is None:
-            unknown = self._action_type.Impl.GetResultService.Response(status=GoalStatus.STATUS_UNKNOWN)
+            unknown = self.action_type.Impl.GetResultService.Response(status=GoalStatus.STATUS_UNKNOWN)
             self._respond("result", unknown, header)
         else:
             future.add_done_callback(partial(self._send_result_response, header))

@@ -7,7 +7,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
-from cyclonedds.core import Entity, Policy, Qos
+from cyclonedds.core import Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import uint8
 from rclpy.constants import INT64_MAX
@@ -20,6 +20,8 @@ class RawSample(IdlStruct):
 
     def __init__(self, data: bytes) -> None:
         self.data = data
+        #: What Cyclone DDS tells of a received one.
+        self.sample_info: Any = None
 
     def serialize(self, buffer: Any = None, endianness: Any = None, use_version_2: bool | None = None) -> bytes:
         return self.data
@@ -49,6 +51,21 @@ def matched(handles: Callable[[], list[int]]) -> list[int]:
             return handles()
         except IndexError:
             continue
+
+
+class Readable(ReadCondition):
+    """Wakes an executor when a reader has something to take."""
+
+    def __init__(self, reader: Any) -> None:
+        super().__init__(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
+
+    @property
+    def condition(self) -> Readable:
+        """What the DDS wait set waits for."""
+        return self
+
+    def _wait_ns(self) -> int | None:
+        return 0 if self.is_triggered() else None
 
 
 def delete(entity: Entity | None) -> None:

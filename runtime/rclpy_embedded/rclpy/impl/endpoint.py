@@ -7,19 +7,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState
+from cyclonedds.core import DDSException
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.impl import faults
-from rclpy.impl.dds import delete, matched, profile_from_dds
+from rclpy.impl.dds import Readable, delete, matched, profile_from_dds
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.handle import Destroyable
 from rclpy.impl.session import LocalNode, Reader, Session, Writer
 from rclpy.qos import REQUESTED_POLICIES, WEAK_AND_STRICT, QoSProfile, qos_profile_best_available
 
-from rosidl_embedded.typesupport import type_support
+from rosidl_embedded.typesupport import TypeSupport, type_support
 
 # Goes before requests and replies: the client's id and the number of the request.
 _HEADER = struct.Struct("<Qq")
@@ -36,10 +36,10 @@ class Endpoint(Destroyable):
     def __init__(self, local_node: LocalNode, name: str, *entities: Reader | Writer) -> None:
         super().__init__(entities[0])
         self._local_node = local_node
-        self._name = name
+        self._name = entities[0].name = name
         self._entities = entities
         if isinstance(entities[0], Reader):
-            self.condition = ReadCondition(entities[0], SampleState.Any | ViewState.Any | InstanceState.Any)
+            self.condition = Readable(entities[0])
         local_node.session.add_endpoints(local_node, *entities)
 
     @contextmanager
@@ -53,13 +53,13 @@ class Endpoint(Destroyable):
             self._check()
             raise
 
-    def _samples(self) -> Any:
-        """Take the next sample, if there is one."""
+    def _use(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a method of an entity; InvalidHandle or RCLError if that is gone."""
         try:
-            return self.handle.take(1)
+            return method(*arguments)
         except DDSException as error:
             self._check()
-            raise RCLError(f"failed to take from '{self._name}': {error}") from error
+            raise RCLError(f"failed to {method.__name__} on '{self._name}': {error}") from error
 
     def _clean_up(self) -> None:
         for handler in self.event_handlers:
@@ -71,7 +71,8 @@ class Endpoint(Destroyable):
 class TopicEndpoint(Endpoint):
     """A publisher or subscription of a `topic` (as it was given) with the full `name`."""
 
-    _is_writer: ClassVar[bool]
+    #: Class of the handle.
+    _kind: ClassVar[type[Reader | Writer]]
 
     def __init__(
         self,
@@ -89,9 +90,8 @@ class TopicEndpoint(Endpoint):
         self.callback_group = callback_group
         self._support = type_support(msg_type)
         session, dds_topic = local_node.session, "rt" + name
-        profile = _resolve(qos_profile, session, dds_topic, writer=self._is_writer)
-        kind: Any = Writer if self._is_writer else Reader
-        entity = session.create(kind, dds_topic, self._support, profile)
+        profile = _resolve(qos_profile, session, dds_topic, writer=issubclass(self._kind, Writer))
+        entity = session.create(self._kind, dds_topic, self._support, profile)
         super().__init__(local_node, name, entity)
         logger_name = local_node.logger_name
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, entity, topic, logger_name)
@@ -145,6 +145,21 @@ def matched_ids(handles: Callable[[], list[int]], data_of: Callable[[int], Any],
     return {found for found in ids if found is not None}
 
 
+class CallReader(Reader):
+    """The handle of a client or a service."""
+
+    def receive(self, support: TypeSupport, writer_guid: bytes = b"") -> tuple[RequestId, Any, Any] | None:
+        """Take the next message, its id and its SampleInfo; with `writer_guid`, only what belongs to this client."""
+        for sample in self.take(1):
+            if sample.sample_info.valid_data and sample.data.startswith(writer_guid, _ENCAPSULATION_SIZE):
+                try:
+                    header, message = support.deserialize_with_prefix(sample.data, _HEADER.size)
+                    return RequestId(*_HEADER.unpack(header)), message, sample.sample_info
+                except (ValueError, struct.error) as error:
+                    faults.count(self.name, f"malformed {support.cls.__name__} on '{self.name}': {error}")
+        return None
+
+
 class ServiceEndpoint(Endpoint):
     """One end of a service: sends requests and receives responses, or the other way round.
 
@@ -152,6 +167,8 @@ class ServiceEndpoint(Endpoint):
     """
 
     _is_server: ClassVar[bool]
+    #: Class of the handle.
+    _kind: ClassVar[type[CallReader]] = CallReader
 
     def __init__(
         self,
@@ -173,7 +190,7 @@ class ServiceEndpoint(Endpoint):
         self._received, self._sent = received[1], sent[1]
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
         self._writer: Any = session.create(Writer, *sent, qos_profile, prefix)
-        self._reader: Any = session.create(Reader, *received, qos_profile, prefix)
+        self._reader: Any = session.create(self._kind, *received, qos_profile, prefix)
         super().__init__(local_node, name, self._reader, self._writer)
 
     @property
@@ -187,19 +204,4 @@ class ServiceEndpoint(Endpoint):
 
     def _send(self, request_id: RequestId, message: Any) -> None:
         prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
-        try:
-            self._writer.write(self._writer.data_type(self._sent.serialize(message, prefix)))
-        except DDSException as error:
-            self._check()
-            raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
-
-    def _receive(self, writer_guid: bytes = b"") -> tuple[RequestId, Any, Any] | None:
-        """Take the next message, its id and its SampleInfo; with `writer_guid`, only what belongs to this client."""
-        for sample in self._samples():
-            if sample.sample_info.valid_data and sample.data.startswith(writer_guid, _ENCAPSULATION_SIZE):
-                try:
-                    header, message = self._received.deserialize_with_prefix(sample.data, _HEADER.size)
-                    return RequestId(*_HEADER.unpack(header)), message, sample.sample_info
-                except (ValueError, struct.error) as error:
-                    faults.count(self._name, f"malformed {self._received.cls.__name__} on '{self._name}': {error}")
-        return None
+        self._use(self._writer.write, self._writer.data_type(self._sent.serialize(message, prefix)))

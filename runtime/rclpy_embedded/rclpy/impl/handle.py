@@ -20,13 +20,13 @@ class Handle:
         pass
 
 
-class Destroyable:
-    """Has a handle until it is destroyed, which any thread may do at any time."""
+class Destroyable(Handle):
+    """Has a handle, perhaps itself, until it is destroyed, which any thread may do at any time."""
 
     _handle: Any = None
 
     def __init__(self, handle: Any = None) -> None:
-        self._handle = Handle() if handle is None else handle
+        self._handle = self if handle is None else handle
 
     @property
     def handle(self) -> Any:

@@ -50,14 +50,18 @@ def _gid(entity: Entity) -> Any:
 
 
 class Writer(Handle, DataWriter[RawSample]):
-    """A writer of CDR."""
+    """A writer of CDR; `name` is that of the topic or service it is for."""
+
+    name = ""
 
 
 class Reader(Handle, DataReader[RawSample]):
-    """A reader of CDR."""
+    """A reader of CDR; `name` is that of the topic or service it is for."""
+
+    name = ""
 
 
-_Kind = TypeVar("_Kind", Reader, Writer)
+_Kind = TypeVar("_Kind", bound=Reader | Writer)
 
 
 class LocalNode(Handle):
@@ -114,8 +118,8 @@ class Session(Handle):
         self, kind: type[_Kind], dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = ""
     ) -> _Kind:
         """Create a writer or reader; `prefix` precedes the type hash in its USER_DATA."""
-        qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
-        parent: Any = self.publisher if kind is Writer else self.subscriber
+        qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=issubclass(kind, Writer))
+        parent: Any = self.publisher if issubclass(kind, Writer) else self.subscriber
         with self.using(f"failed to create an endpoint of '{dds_topic}'"), _topics_lock:
             key = dds_topic, support.dds_name
             if key not in self._topics:

@@ -57,7 +57,10 @@ _TRANSITIONS = _transitions()
 class LifecycleStateMachine:
     """The state of one node; `notify` learns the identifiers of the old and the new state at every transition."""
 
-    initialized = True
+    #: Identifiers and labels of all states.
+    available_states = tuple(_STATES.items())
+    #: All transitions.
+    transition_graph = _TRANSITIONS
 
     def __init__(self, notify: Callable[[int, int], None]) -> None:
         self._notify = notify
@@ -67,16 +70,6 @@ class LifecycleStateMachine:
     def current_state(self) -> tuple[int, str]:
         """Identifier and label of the state."""
         return self._state, _STATES[self._state]
-
-    @property
-    def available_states(self) -> list[tuple[int, str]]:
-        """Identifiers and labels of all states."""
-        return list(_STATES.items())
-
-    @property
-    def transition_graph(self) -> list[_Transition]:
-        """All transitions: identifier and label of itself, of the state it starts from and of the one it leads to."""
-        return list(_TRANSITIONS)
 
     @property
     def available_transitions(self) -> list[_Transition]:

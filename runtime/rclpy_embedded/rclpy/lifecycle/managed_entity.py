@@ -58,20 +58,15 @@ class SimpleManagedEntity(ManagedEntity):
     """Knows only whether it is active."""
 
     def __init__(self) -> None:
-        self._enabled = False
+        self.is_activated = False
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        self._enabled = True
+        self.is_activated = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        self._enabled = False
+        self.is_activated = False
         return TransitionCallbackReturn.SUCCESS
-
-    @property
-    def is_activated(self) -> bool:
-        """Whether it is active."""
-        return self._enabled
 
     @staticmethod
     def when_enabled(
@@ -82,7 +77,7 @@ class SimpleManagedEntity(ManagedEntity):
         def decorator(method: Callable[..., Any]) -> Callable[..., Any]:
             @wraps(method)
             def only_when_enabled(self: SimpleManagedEntity, *args: Any, **kwargs: Any) -> None:
-                if self._enabled:
+                if self.is_activated:
                     method(self, *args, **kwargs)
                 elif when_not_enabled is not None:
                     when_not_enabled()
