@@ -69,7 +69,6 @@ class FullCanister:
         self.elements = Elements(p)
         e, self._modes = self.elements, np.arange(p.modes + 1)
         self._capacity = p.heat_capacity_j_per_m3_k
-        self._losses = _losses(e)
         self._factors: list[Any] = []
         for mode in self._modes:
             implicit = (self._capacity * e.mass + _GAMMA * step_s * _matrix(e, int(mode))).tocsc()
@@ -152,20 +151,12 @@ class FullCanister:
         """Heat in the copper since ambient."""
         return float(2.0 * pi * state.heat[0].real.sum())
 
-    def loss_w(self, state: FullState) -> float:
-        """Heat that leaves at present to air and clamp, of linear losses."""
-        return float(2.0 * pi * (self._losses @ state.theta[0].real).sum())
-
-
-def _losses(elements: Elements) -> Any:
-    """Linear losses to air and clamp."""
-    p = elements.parameters
-    return p.surface_w_per_m2_k * elements.surface + p.clamp_w_per_m2_k * elements.clamp
-
 
 def _matrix(elements: Elements, mode: int) -> Any:
-    """Conduction and losses of a mode."""
-    return elements.parameters.conductivity_w_per_m_k * elements.stiffness(mode) + _losses(elements)
+    """Conduction, and linear losses to air and clamp, of a mode."""
+    p = elements.parameters
+    losses = p.surface_w_per_m2_k * elements.surface + p.clamp_w_per_m2_k * elements.clamp
+    return p.conductivity_w_per_m_k * elements.stiffness(mode) + losses
 
 
 def _load_and_rim(elements: Elements, axial_mm: float) -> tuple[Array, Array]:

@@ -16,8 +16,7 @@ from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality.monitor import Monitor
-from fsw_quality.monitor_run import watch
-from fsw_quality.process_of_weld import process_of
+from fsw_quality.monitor_run import process_of, watch
 from fsw_quality.record import data_files, files_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader

@@ -17,8 +17,7 @@ from fsw_model import ModelParameters
 from fsw_quality.diagnosis import load_limits
 from fsw_quality.monitor import PROCESSES, Monitor
 from fsw_quality.monitor_figure import draw
-from fsw_quality.monitor_run import Watched, watch
-from fsw_quality.process_of_weld import process_of
+from fsw_quality.monitor_run import Watched, process_of, watch
 
 
 @command(

@@ -19,7 +19,7 @@ import numpy as np
 
 from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages, recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
-from fsw_analysis.weld_signals import experiment_time_s
+from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
@@ -36,8 +36,6 @@ Make = Callable[[dict[str, Any]], Controller]
 Recorded = tuple[float, float, tuple[bool, str] | None]
 Entry = TypeVar("Entry")
 
-#: times above this are of the wall clock
-_REAL_TIME_NS = NANOSECONDS * 10**8
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
 _PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
 
@@ -280,7 +278,7 @@ class _Inputs:
         answered = self._own.log_ns.tolist() if self._own else [0] * len(self.stamps)
         #: the proposal of each tick, after which nothing could be known any more; in lockstep nothing comes so late
         self._answers: list[_Sent[None] | None] = [None] * len(self.stamps)
-        if self._own and self.stamps[0] > _REAL_TIME_NS:
+        if self._own and self.stamps[0] > SIMULATED_NS:
             self._answers = [sent for _, sent in _sent(self._own, [None] * len(self.stamps))]
         #: when the last sample of each tick had been received; of one without samples the proposal
         self.came = np.array([received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)], np.int64)
@@ -340,7 +338,7 @@ class _Inputs:
 
     def _by_hand(self) -> bool:
         """Whether set-points arrived in real time with immediate effect, not ahead as a programme sends them."""
-        coming = [one for one in self._sent if self.came[0] > _REAL_TIME_NS and one.log_ns > self.came[0]]
+        coming = [one for one in self._sent if self.came[0] > SIMULATED_NS and one.log_ns > self.came[0]]
         newest = self.stamps[np.searchsorted(self.came, [one.log_ns for one in coming]) - 1].tolist()
         return any(one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True))
 

@@ -1,11 +1,17 @@
-"""What all reports share: their templates, tables in Markdown, and shares with their intervals."""
+"""What all reports share: their templates, pages, tables in Markdown, and shares with their intervals."""
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, FileSystemLoader, PackageLoader, StrictUndefined
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def templates(place: str | Path, html: bool = False) -> Environment:
@@ -21,6 +27,23 @@ def templates(place: str | Path, html: bool = False) -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
+
+
+def page(package: str, template: str, **values: Any) -> str:
+    """A page, from one of a package's templates."""
+    return templates(package, html=True).get_template(template).render(values)
+
+
+def png(figure: Figure, dpi: float) -> bytes:
+    """A figure as PNG."""
+    with io.BytesIO() as file:
+        figure.savefig(file, format="png", dpi=dpi)
+        return file.getvalue()
+
+
+def source(image: bytes) -> str:
+    """A PNG as the source of an image of a page, which so is one file."""
+    return f"data:image/png;base64,{base64.b64encode(image).decode()}"
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:

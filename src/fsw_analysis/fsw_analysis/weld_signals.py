@@ -17,13 +17,13 @@ IntArray = npt.NDArray[np.int64]
 TextArray = npt.NDArray[np.object_]
 
 #: stamps below this are of simulated time, which begins at 0
-_SIMULATED_NS = NANOSECONDS * 10**8
+SIMULATED_NS = NANOSECONDS * 10**8
 MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
 
 
 def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
     """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
-    simulated = stamp_ns.size and stamp_ns[0] < _SIMULATED_NS
+    simulated = stamp_ns.size and stamp_ns[0] < SIMULATED_NS
     since_ns = stamp_ns - (0 if simulated else stamp_ns[:1] - TICK_NS)
     return since_ns.astype(np.float64) * 1e-9
 
@@ -189,3 +189,9 @@ class WeldSignals:
     def duration_s(self) -> float:
         """From the first tick to the last [s]; 0 with fewer than two ticks."""
         return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
+
+    @property
+    def operators(self) -> tuple[str, ...]:
+        """Who asked for something, in order of time."""
+        asked = (event.text.partition(": ")[0] for event in self.events if event.kind == "operator")
+        return tuple(dict.fromkeys(asked))

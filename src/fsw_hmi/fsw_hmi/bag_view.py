@@ -14,16 +14,14 @@ from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_control.units import KW_PER_NM_RPM
+from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
+from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
 from fsw_recorder.errors import BagError
 
 #: more cannot be distinguished on one chart
 MOST_BAGS = 2
-#: stamps below this are of simulated time, which begins at 0 [s]
-_SIMULATED_S = 1e8
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +61,11 @@ def view(signals: WeldSignals, name: str) -> BagView:
     except BagError as error:
         parameters = {}
         problems.append(f"{error}: interlocks are not drawn")
-    start_s = float(signals.stamp_ns[0]) * 1e-9
+    start_ns = int(signals.stamp_ns[0])
     summary = {
         "name": name,
         "duration_s": round(float(signals.time_s[-1]), 3),
-        "start_s": round(start_s, 3) if start_s > _SIMULATED_S else None,
+        "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
         "events": [asdict(one) | {"time_s": round(one.time_s, 3)} for one in signals.events],
@@ -83,26 +81,17 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
     if not spans:
         return []
     figures = phase_kpi.compute(signals, name, spans)
-    found = []
-    for (phase, begin_s, end_s), one in zip(spans, figures, strict=False):
-        times = {"begin_s": begin_s, "end_s": end_s}
-        found.append({"name": phase} | {key: round(float(value), 3) for key, value in times.items()} | _errors(one))
+    spans += [("whole weld", 0.0, float(signals.time_s[-1]))]
     return [
-        *found,
-        {"name": "whole weld", "begin_s": 0.0, "end_s": round(float(signals.time_s[-1]), 3)} | _errors(figures[-1]),
+        {"name": phase, "begin_s": round(float(begin_s), 3), "end_s": round(float(end_s), 3)} | _errors(one)
+        for (phase, begin_s, end_s), one in zip(spans, figures, strict=True)
     ]
 
 
 def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
-    def plain(error: phase_kpi.ErrorStatistics | None) -> dict[str, float | None] | None:
-        return None if error is None else {key: short(value) for key, value in asdict(error).items()}
-
-    power_kw = None if figures.power_kw is None else short(figures.power_kw)
-    return {
-        "temperature_error_c": plain(figures.temperature_c),
-        "depth_error_mm": plain(figures.depth_mm),
-        "power_kw": power_kw,
-    }
+    errors = {"temperature_error_c": figures.temperature_c, "depth_error_mm": figures.depth_mm}
+    plain = {name: one and {key: short(value) for key, value in asdict(one).items()} for name, one in errors.items()}
+    return plain | {"power_kw": None if figures.power_kw is None else short(figures.power_kw)}
 
 
 def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
@@ -138,7 +127,7 @@ def _rows(signals: WeldSignals) -> list[list[Any]]:
         "solve_ms": 1e3 * _solve_time_s(signals),
         "angle_deg": signals.angle_deg,
     }
-    numbers = [_short(columns[name]) for name in COLUMNS[1:]]
+    numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
     rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, strict=True)
     return list(map(list, rows))
@@ -151,7 +140,3 @@ def _solve_time_s(signals: WeldSignals) -> FloatArray:
         chosen = signals.command_source == name
         found[chosen] = status.solve_time_s[chosen]
     return found
-
-
-def _short(values: FloatArray) -> list[float | None]:
-    return list(map(short, values.tolist()))

@@ -36,9 +36,8 @@ from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
-from fsw_hmi.reports_ros import NO_STATE
 from fsw_hmi.requests import Acknowledge, Action, Shelve, Unshelve
-from fsw_hmi.watch_ros import Watch
+from fsw_hmi.watch_ros import NO_STATE, Watch
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row

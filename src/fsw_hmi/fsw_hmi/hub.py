@@ -1,4 +1,4 @@
-"""What is sent to which page, and when a page is given up. Belongs to the web server's loop."""
+"""What a page is sent, and when it is given up. Belongs to the web server's loop."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ BLOCK, _BLOCKS = 600, 60
 KEPT = BLOCK * _BLOCKS
 #: ticks that wait for a page; it loses older ones
 _TICKS = 20
-#: kinds of frames that do not belong to one weld
-_LASTING = ("state", "alarms", "actions")
 #: answers that wait for a page before it is given up
 _ANSWERS = 200
 
@@ -118,34 +116,6 @@ class Page:
         since_s = self._sending_since_s
         if since_s is not None and asyncio.get_running_loop().time() - since_s > patience_s:
             self.given_up.set()
-
-
-class Hub:
-    """All open pages, and what a new page is sent."""
-
-    def __init__(self) -> None:
-        self.pages: set[Page] = set()
-        self.history = History()
-        self.latest: dict[str, str] = {}  #: frames for a new page, by kind
-
-    def tick(self, row: str, frame: str | None) -> None:
-        """Keep a row, and send its frame to all pages unless it is left out."""
-        self.history.add(row)
-        if frame is not None:
-            for page in self.pages:
-                page.tick(frame)
-
-    def show(self, kind: str, frame: str, keep: bool = True) -> None:
-        """Send a frame to all pages, and with ``keep`` to those that open later."""
-        if keep:
-            self.latest[kind] = frame
-        for page in self.pages:
-            page.show(kind, frame)
-
-    def forget(self) -> None:
-        """Another weld begins: the past does not belong to it, but who is there and what is wrong does."""
-        self.history = History()
-        self.latest = {kind: frame for kind, frame in self.latest.items() if kind in _LASTING}
 
 
 def _frame(rows: list[str]) -> str:

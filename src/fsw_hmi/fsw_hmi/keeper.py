@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: what was kept longer ago is of another weld [s] (chosen)
 _OLD_S = 600.0
@@ -110,8 +110,7 @@ class Keeper:
             return
         try:
             self._file.flush()
-            with replacing(self._folder / "hmi_state.json") as part:
-                part.write_bytes(_KEPT.dump_json(state))
+            write_whole(self._folder / "hmi_state.json", _KEPT.dump_json(state))
         except OSError as error:
             self._give_up(error)
 

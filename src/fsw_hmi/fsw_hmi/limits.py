@@ -50,17 +50,12 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "torque_nm": (_TORQUE_NM, {}, "", "torque_high"),
     "power_kw": (_POWER_KW, {}, "", "power_high"),
 }
+_LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
 #: the supervisor's parameters that are looked at
 PARAMETERS = (
-    *(
-        f"interlocks.{name}.{level}"
-        for _, _, low, high in _QUANTITIES.values()
-        for name in (low, high)
-        if name
-        for level in ("warn", "trip")
-    ),
+    *(f"interlocks.{name}.{level}" for one in _QUANTITIES.values() for name in one[2:] if name for level in _LEVELS),
     "safe_force_kn",
     "safe_rate_kn_per_s",
 )
@@ -70,6 +65,11 @@ PARAMETERS = (
 DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("depth_mm", "temperature_c", "force_kn", "speed_rpm"))
 #: the page's parameters that say between which temperatures a weld is good
 QUALITY_TEMPERATURE = ("quality_temperature_min_c", "quality_temperature_max_c")
+
+
+def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> list[float | None]:
+    """Values of the interlocks against low and high values of a quantity; None where unknown, or there is none."""
+    return [parameters.get(f"interlocks.{name}.{level}") for name in _QUANTITIES[quantity][2:]]
 
 
 def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None = None) -> dict[str, dict[str, Any]]:
@@ -83,11 +83,11 @@ def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None
         By name of ``DEVIATIONS``, that of the depth is its quality limit; also by those of ``QUALITY_TEMPERATURE``.
     """
     found: dict[str, dict[str, Any]] = {}
-    for quantity, (scale, known, low, high) in _QUANTITIES.items():
+    for quantity, (scale, known, *_) in _QUANTITIES.items():
         found[quantity] = {"range": [scale.low, scale.high], **known}
-        for level in ("warn", "trip"):
-            pair = [parameters.get(f"interlocks.{name}.{level}") for name in (low, high)]
-            if any(one is not None for one in pair):
+        for level in _LEVELS:
+            pair = _interlocks(quantity, level, parameters)
+            if pair != [None, None]:
                 found[quantity][level] = pair
         if deviations is not None and f"deviation_{quantity}" in deviations:
             found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
@@ -116,9 +116,7 @@ def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) 
         As for :func:`limits`.
     """
     for quantity, value in set_points.items():
-        _, _, low, high = _QUANTITIES[quantity]
-        for name, sign in ((low, -1.0), (high, 1.0)):
-            trip = parameters.get(f"interlocks.{name}.trip")
+        for trip, sign in zip(_interlocks(quantity, "trip", parameters), (-1.0, 1.0), strict=True):
             if trip is not None and sign * (value - trip) >= 0.0:
                 what, _, unit = quantity.rpartition("_")
                 unit, side = {"c": "°C"}.get(unit, unit), "below" if sign < 0.0 else "above"
@@ -128,13 +126,16 @@ def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """What set-points may be asked for, as far as the trips are known; ``parameters`` as for :func:`limits`."""
-    found: dict[str, Any] = dict(REFERENCE)
+    found: dict[str, Any] = {
+        "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
+        "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
+    }
     for quantity, step in _STEPS.items():
-        low, high = REFERENCE[quantity]
-        under, over = (parameters.get(f"interlocks.{name}.trip") for name in _QUANTITIES[quantity][2:])
+        allowed = _QUANTITIES[quantity][0]
+        under, over = _interlocks(quantity, "trip", parameters)
         found[quantity] = [
-            low if under is None else max(low, round(under + step, 6)),
-            high if over is None else min(high, round(over - step, 6)),
+            allowed.low if under is None else max(allowed.low, round(under + step, 6)),
+            allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
     return found
 
@@ -143,13 +144,6 @@ def _range(allowed: Range) -> dict[str, Any]:
     return {"unit": readable(allowed.unit).replace("N m", "N·m"), "min": allowed.low, "max": allowed.high}
 
 
-#: what set-points may be asked for
-REFERENCE: dict[str, Any] = {
-    "depth_mm": [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high],
-    "temperature_c": [REFERENCE_TEMPERATURE_C.low, REFERENCE_TEMPERATURE_C.high],
-    "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
-    "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
-}
 #: what the emulated plant can be asked for
 EMULATOR = {
     "disturbances": {

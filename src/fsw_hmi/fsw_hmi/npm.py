@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -10,6 +9,8 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from fsw_schema.files import locked
 
 #: ``package.json`` and its lock
 OWN = Path(__file__).parent
@@ -50,18 +51,13 @@ def install(folder: Path, options: Sequence[str] = (), at_least: tuple[int, ...]
     modules = folder / "node_modules"
     installed, lock = modules / "installed-lock.json", (OWN / _NAMES[1]).read_bytes()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        turn = os.open(folder, os.O_RDONLY)
-        try:
-            fcntl.flock(turn, fcntl.LOCK_EX)  # several servers or tests may start at once
+        with locked(folder):  # several servers or tests may start at once
             if not installed.exists() or installed.read_bytes() != lock:
                 for name in _NAMES:
                     if folder != OWN:
                         shutil.copyfile(OWN / name, folder / name)
                 _run(folder, options, at_least)
                 installed.write_bytes(lock)
-        finally:
-            os.close(turn)
     except OSError as error:
         raise NpmError(f"{folder}: {error.strerror}") from None
     return modules

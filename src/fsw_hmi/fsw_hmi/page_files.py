@@ -31,11 +31,6 @@ class PageFiles:
     folder : Path, optional
         Of the page's files.
 
-    Attributes
-    ----------
-    build : str
-        Tells whether an open page is that of this server; in index.html for ``{{build}}``.
-
     Raises
     ------
     ValueError
@@ -51,6 +46,7 @@ class PageFiles:
         content = hashlib.sha256()
         for name, data in self._files.items():
             content.update(f"{name} {len(data)}\n".encode() + data)
+        #: tells whether an open page is that of this server; in index.html for ``{{build}}``
         self.build = content.hexdigest()[:12]
         index = self._files.pop("index.html").replace(b"{{build}}", self.build.encode())
         self._index = index.replace(b"{{source}}", source.encode())

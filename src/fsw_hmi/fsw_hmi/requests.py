@@ -19,31 +19,26 @@ _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
 
 
 class Action(Model):
-    """Something to be carried out in the graph.
+    """Something to be carried out in the graph."""
 
-    Attributes
-    ----------
-    role : str
-        That it needs at least.
-    """
+    role: ClassVar[Role] = "operate"  #: that it needs at least
+    words: ClassVar[str]  #: for the record, with its fields
 
-    role: ClassVar[Role] = "operate"
+    def __str__(self) -> str:
+        return self.words.format_map(dict(self))
 
 
 class SafeStop(Action):
     """The safe state, at once."""
 
     role = "view"
-
-    def __str__(self) -> str:
-        return "safe stop"
+    words = "safe stop"
 
 
 class AcknowledgeStop(Action):
     """The safe stop has been seen, and may be left."""
 
-    def __str__(self) -> str:
-        return "acknowledge the safe stop"
+    words = "acknowledge the safe stop"
 
 
 class SetReference(Action):
@@ -60,11 +55,9 @@ class SetReference(Action):
 class Switch(Action):
     """Another controller, waited for as long as ``wait_s``."""
 
+    words = "switch to {controller}"
     controller: _Name
     wait_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
-
-    def __str__(self) -> str:
-        return f"switch to {self.controller}"
 
 
 class ChangeMode(Action):
@@ -87,10 +80,8 @@ class ChangeMode(Action):
 class Programme(Action):
     """Hold, resume or abort the programme of the weld."""
 
+    words = "weld {action}"
     action: Literal["hold", "resume", "abort"]
-
-    def __str__(self) -> str:
-        return f"weld {self.action}"
 
 
 class Acknowledge(Action):
@@ -105,6 +96,7 @@ class Acknowledge(Action):
 class Shelve(Action):
     """An alarm put aside for some minutes, and why."""
 
+    words = "shelve {alarm} for {minutes:g} min: {reason}"
     alarm: _AlarmId
     minutes: Annotated[float, Range(1.0, 60.0, "min")]
     reason: Annotated[str, Field(min_length=1, max_length=100)]
@@ -115,17 +107,12 @@ class Shelve(Action):
             raise ValueError("say why in words")
         return self
 
-    def __str__(self) -> str:
-        return f"shelve {self.alarm} for {self.minutes:g} min: {self.reason}"
-
 
 class Unshelve(Action):
     """An alarm taken back from the shelf."""
 
+    words = "unshelve {alarm}"
     alarm: _AlarmId
-
-    def __str__(self) -> str:
-        return f"unshelve {self.alarm}"
 
 
 class Disturb(Action):

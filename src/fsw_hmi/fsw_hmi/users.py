@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import hmac
-import os
 import re
 import secrets
 import unicodedata
@@ -17,7 +16,7 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.private_file import read_private
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 from fsw_schema.models import InputError, Model, content_of, validate
 
 #: each may what those before it may
@@ -224,11 +223,8 @@ def read(path: Path) -> list[User]:
 
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
-    with replacing(path, 0o600) as scratch, scratch.open("w", encoding="utf-8") as file:
-        for user in users:  # each in a line
-            yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
-        file.flush()
-        os.fsync(file.fileno())
+    lines = (yaml.safe_dump([one.model_dump()], sort_keys=False, default_flow_style=None, width=1000) for one in users)
+    write_whole(path, "".join(lines), 0o600, durable=True)
 
 
 def _bytes(password: str) -> bytes:

@@ -15,15 +15,15 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.contract import SENSORS, Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi import reports_ros
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, Part
-from fsw_hmi.frames import COLUMNS, readable
+from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.weld_view import Row, WeldView
-from fsw_msgs.msg import ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
+from fsw_msgs.msg import ControllerHealth, ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
 
 #: A plant that is silent for longer may be gone; the next one must not take this node for a part of its graph.
 _SILENT_S = 1.0
@@ -33,6 +33,13 @@ _FORGET_S = 600.0
 _MOST_PARTS = 400
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
+_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by")
+_MOST_CONTROLLERS = 20
+#: before the supervisor has reported
+NO_STATE: dict[str, Any] = {
+    **dict.fromkeys(_WORDS, ""),
+    **{"controllers": [], "interlocks": [], "acknowledged": False},
+}
 #: what can be a part of a topic's name
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,99}")
 
@@ -114,10 +121,10 @@ class Watch:
     # ---------------------------------------------------------------- reports
 
     def _on_state(self, message: SupervisorState) -> None:
-        self.state, self.state_s = reports_ros.state(message), time.monotonic()
+        self.state, self.state_s = _state(message), time.monotonic()
         self.leader = message.header.frame_id
         for one in message.controllers:
-            fits = len(self._controllers) < reports_ros.MOST_CONTROLLERS and _NAME.fullmatch(one.name)
+            fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(one.name)
             if fits and one.name not in self._controllers and not one.name.endswith("_"):
                 self._follow(one.name)
         self._show_state()
@@ -140,10 +147,10 @@ class Watch:
         now_s = time.monotonic()
         if now_s - self._controllers[controller] >= _PREDICTION_PERIOD_S:
             self._controllers[controller] = now_s
-            self._on_prediction(reports_ros.prediction(controller, message))
+            self._on_prediction(_prediction(controller, message))
 
     def _on_progress(self, message: WeldProgress) -> None:
-        self.progress, self.progress_s = reports_ros.progress(message), time.monotonic()
+        self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -188,3 +195,58 @@ class Watch:
             }
             for node, parts in sorted(self._parts.items())
         }
+
+
+def _state(message: SupervisorState) -> dict[str, Any]:
+    """The supervisor's state; of more controllers or interlocks than can be, the first."""
+    return {
+        **{name: readable(getattr(message, name)) for name in _WORDS},
+        "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
+        "interlocks": [readable(one) for one in message.interlocks[:_MOST_CONTROLLERS]],
+        "acknowledged": bool(message.acknowledged),
+    }
+
+
+def _controller(one: ControllerHealth) -> dict[str, Any]:
+    return {
+        "name": readable(one.name, 100),
+        "ready": bool(one.warm) and not one.reason,
+        "healthy": bool(one.healthy),
+        "inhibited": bool(one.latched_out),
+        "reason": readable(one.reason),
+        "latency_ms": short(1e3 * one.latency_mean),
+        "latency_max_ms": short(1e3 * one.latency_max),
+        "missed": one.missed,
+        "late": one.late,
+        "rejected": one.rejected,
+    }
+
+
+def _progress(message: WeldProgress) -> dict[str, Any]:
+    """How far the programme has come."""
+    return {
+        "state": readable(message.state),
+        "phase": readable(message.phase),
+        "angle_deg": short(degrees(message.angle)),
+        "length_mm": short(units.mm_from_m(message.length)),
+        "time_left_s": short(message.time_left),
+        "depth_mm": short(units.mm_from_m(message.depth)),
+        "temperature_c": short(message.temperature),
+        "left": bool(message.left),
+        "way_back_s": short(message.way_back),
+    }
+
+
+def _prediction(controller: str, message: Prediction) -> dict[str, Any]:
+    """A controller's plan, at times of the weld."""
+    begin_s = convert.stamp_ns(message.header.stamp) / units.NANOSECONDS
+    return {
+        "controller": controller,
+        "time_s": [round(begin_s + one, 3) for one in message.time],
+        "depth_mm": [short(units.mm_from_m(one)) for one in message.depth],
+        "temperature_c": [short(one) for one in message.temperature],
+        "force_kn": [short(units.kn_from_n(one)) for one in message.axial_force],
+        "speed_rpm": [short(units.rpm_from_rad_s(one)) for one in message.spindle_speed],
+        "depth_mm:deviation": [short(units.mm_from_m(one)) for one in message.depth_deviation],
+        "temperature_c:deviation": [short(one) for one in message.temperature_deviation],
+    }

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_hmi.control import TIMED_OUT
 from fsw_hmi.control_room import ControlRoom, Order, Verdict
 from fsw_hmi.frames import COLUMNS, frame
-from fsw_hmi.hub import Hub, Page
+from fsw_hmi.hub import History, Page
 from fsw_hmi.logins import BusyError, LoginChecks
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
@@ -24,6 +24,8 @@ from fsw_hmi.security import client_of
 
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
 _MARGIN_S = 2.0
+#: kinds of frames that do not belong to one weld
+_LASTING = ("state", "alarms", "actions")
 _STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
 
 
@@ -68,7 +70,9 @@ class LivePage:
         self._logins = LoginChecks()
         self._checks: set[asyncio.Task[None]] = set()
         self._request_timeout_s, self._patience_s, self._max_pages = request_timeout_s, patience_s, max_pages
-        self._hub = Hub()
+        self._pages: set[Page] = set()
+        self._history = History()
+        self._latest: dict[str, str] = {}  # frames for a new page, by kind
         self._hello: dict[str, Any] = {}
         self._pending: dict[int, _Pending] = {}
         self._orders = self._opened = 0
@@ -84,26 +88,33 @@ class LivePage:
     def set_hello(self, hello: Mapping[str, Any]) -> None:
         """Take the first frame of new pages; open pages are restarted with it."""
         self._hello = dict(hello)
-        self._begin(*self._hub.pages)
+        self._begin(*self._pages)
 
     def forget(self) -> None:
         """Another weld begins."""
-        self._hub.forget()
-        self._begin(*self._hub.pages)
+        self._history = History()
+        # who is there and what is wrong does not belong to one weld
+        self._latest = {kind: text for kind, text in self._latest.items() if kind in _LASTING}
+        self._begin(*self._pages)
 
     def restore(self, rows: list[str]) -> None:
         """Go on with the rows of a server before; to be called before the first page."""
         for row in rows:
-            self._hub.history.add(row)
+            self._history.add(row)
 
     def tick(self, row: str, text: str | None, came_s: float) -> None:
         """Take an encoded row and its frame (None: not sent); ``came_s`` on ``time.monotonic``."""
         self._tick_s = came_s
-        self._hub.tick(row, text)
+        self._history.add(row)
+        if text is not None:
+            for page in self._pages:
+                page.tick(text)
 
     def show(self, kind: str, text: str) -> None:
         """Take an encoded frame that replaces the one of this kind before."""
-        self._hub.show(kind, text)
+        self._latest[kind] = text
+        for page in self._pages:
+            page.show(kind, text)
 
     def on_outcome(self, number: int, outcome: str, message: str) -> None:
         """Take what became of an order; only the first time counts."""
@@ -118,8 +129,9 @@ class LivePage:
         """Tell all pages that the server is alive; to be called several times a second."""
         self._look_at_control()
         age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
-        self._hub.show("beat", frame("beat", {"server_s": _now_s(), "tick_age_s": age_s}), keep=False)
-        for page in self._hub.pages:
+        beat = frame("beat", {"server_s": _now_s(), "tick_age_s": age_s})
+        for page in self._pages:
+            page.show("beat", beat)
             page.give_up_if_stuck(self._patience_s)
 
     def _look_at_control(self) -> None:
@@ -144,7 +156,7 @@ class LivePage:
         That is the oldest that nobody has ever touched, else the one that has not been touched for longest; only then
         one at which somebody has logged in, and never the one in control.
         """
-        pages = [page for page in self._hub.pages if page.session.client == client and not page.evicted]
+        pages = [page for page in self._pages if page.session.client == client and not page.evicted]
         if len(pages) < self._max_pages:
             return
         idle = [page for page in pages if page.session is not self._room.holder]
@@ -156,7 +168,7 @@ class LivePage:
         self._make_room(client_of(address))
         self._opened += 1
         page = Page(self._room.join(address), socket.client, self._opened)
-        self._hub.pages.add(page)
+        self._pages.add(page)
         self._begin(page)
         jobs = [
             asyncio.create_task(job) for job in (_send(socket, page), self._listen(socket, page), page.given_up.wait())
@@ -164,7 +176,7 @@ class LivePage:
         try:
             await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._hub.pages.discard(page)
+            self._pages.discard(page)
             for job in jobs:
                 job.cancel()
             await asyncio.gather(*jobs, return_exceptions=True)
@@ -185,7 +197,7 @@ class LivePage:
                 **self._hello,
             }
             page.session.known = {}
-            page.begin(frame("hello", hello), self._hub.latest, self._hub.history.frames())
+            page.begin(frame("hello", hello), self._latest, self._history.frames())
         self._show_control()
 
     async def _listen(self, socket: WebSocket, page: Page) -> None:
@@ -215,7 +227,7 @@ class LivePage:
             verdict = room.on_busy(session, request)
         else:
             verdict = room.on_checked(session, request, credentials, user, time.monotonic())
-        if page in self._hub.pages:
+        if page in self._pages:
             self._carry_out(page, verdict)
             if verdict.close:
                 page.given_up.set()
@@ -259,7 +271,7 @@ class LivePage:
 
     def _show_control(self) -> None:
         """Tell every page what has changed for it."""
-        for page in self._hub.pages:
+        for page in self._pages:
             control = self._room.news(page.session, time.monotonic())
             if control is not None:
                 page.show("control", frame("control", control))

@@ -3,7 +3,8 @@
 import pytest
 
 from fsw_control.parameters import defaults, load
-from fsw_hmi.limits import REFERENCE, beyond_trip, reference
+from fsw_control.ranges import REFERENCE_DEPTH_MM
+from fsw_hmi.limits import beyond_trip, reference
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import ACTIONS, read
 from fsw_schema.models import InputError
@@ -80,9 +81,9 @@ def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
 
 
 def test_form_has_the_limits_by_which_the_server_judges():
-    assert reference({}) == REFERENCE
-    found = reference(TRIPS)
-    assert (found["depth_mm"][1], found["temperature_c"]) == (min(3.69, REFERENCE["depth_mm"][1]), [790.1, 909.9])
+    whole, found = reference({}), reference(TRIPS)
+    assert whole["depth_mm"] == [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high]
+    assert (found["depth_mm"][1], found["temperature_c"]) == (min(3.69, REFERENCE_DEPTH_MM.high), [790.1, 909.9])
     for depth_mm, temperature_c in zip(found["depth_mm"], found["temperature_c"], strict=True):
         points = read("set_reference", {"depth_mm": depth_mm, "temperature_c": temperature_c})
         assert why_not(points, None, None, TRIPS) == ""

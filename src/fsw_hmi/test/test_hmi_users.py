@@ -138,7 +138,7 @@ def test_unknown_name_takes_as_long_as_a_known_one(monkeypatch):
 
 def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
     before = file.read_bytes()
-    monkeypatch.setattr(users.os, "replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
     with pytest.raises(OSError, match="disk full"):
         users.write(file, [])
     assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (before, ["users.yaml"])

@@ -308,7 +308,7 @@ def test_page_that_takes_nothing_is_given_up(make_server):
         )
         end_s = time.monotonic() + 240.0
         number = 0
-        while not number or server.page._hub.pages:
+        while not number or server.page._pages:
             assert time.monotonic() < end_s
             number += 1
             server.call(server.page.tick, "[0]", '{"t":"tick","row":["' + "x" * MANY + '"]}', time.monotonic())

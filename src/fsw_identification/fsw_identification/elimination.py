@@ -107,7 +107,7 @@ def eliminate(data: Compressed, walk: Walks, noise: float, start: FloatArray, st
     rows = _triangles(np.concatenate([edges, first[None]], axis=1))
     levels.append((left[None], np.zeros((1, 0), dtype=int), rows[:, : 2 * p]))
     border += _squares(rows[:, 2 * p :, 2 * p :])
-    logdet = sum(2.0 * float(np.log(np.abs(_diagonal(of))).sum()) for _, _, of in levels)
+    logdet = sum(2.0 * float(np.log(np.abs(np.diagonal(of, axis1=1, axis2=2))).sum()) for _, _, of in levels)
     logdet += 2.0 * len(data.rows) * -float(np.log(tight).sum())
     return Eliminated(border, _values(levels, p, width), logdet, levels)
 
@@ -125,10 +125,6 @@ def _values(levels: list[Level], p: int, width: int) -> FloatArray:
 def _triangles(rows: FloatArray) -> FloatArray:
     """R of QR of each of a stack."""
     return np.asarray(cast("Any", np.linalg.qr(rows, mode="r")), dtype=np.float64)
-
-
-def _diagonal(rows: FloatArray) -> FloatArray:
-    return np.diagonal(rows, axis1=1, axis2=2)
 
 
 def _squares(rows: FloatArray) -> FloatArray:

@@ -15,9 +15,8 @@ import numpy as np
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
 from fsw_identification.errors import IdentificationError
-from fsw_identification.mean_disturbances import heat_and_offset, mean_disturbance
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
-from fsw_identification.simulation import CANDIDATES, OUTPUTS
+from fsw_identification.simulation import CANDIDATES, OUTPUTS, TEMPERATURE, TORQUE
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
@@ -315,7 +314,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
-    offset, offset_std = mean_disturbance(problem, covariance)
+    offset, offset_std = _mean_disturbance(problem, covariance)
     problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
     sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
@@ -334,6 +333,37 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset_std=offset_std,
         shifts=list(sizes),
         share=(problem.share, float(std[-1])),
-        heat_and_offset=heat_and_offset(problem),
+        heat_and_offset=_heat_and_offset(problem),
         notes=notes,
     )
+
+
+def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(2,): mean disturbances of force and power, and their standard deviations; ``covariance`` of the border."""
+    parts = problem.linearised(problem.parameters, True)
+    means, variances, by_border = np.zeros(2), np.zeros(2), np.zeros((2, len(covariance)))
+    total = sum(segment.n_ticks for segment in problem.segments)
+    for part, one in zip(parts, problem.eliminate(parts, True)[1], strict=True):
+        if part.output != TORQUE:
+            weights = np.zeros(part.at_knots.shape)
+            weights[:, -2] = problem.segments[part.segment].n_ticks / total / len(weights)
+            means[part.output] += float((weights * part.at_knots).sum())
+            by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values[:, :, 1:])
+            variances[part.output] += one.variance(weights)
+    return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
+
+
+def _heat_and_offset(problem: Problem) -> float:
+    """Correlation of heat and offset of the temperature: of their mean rises since the beginning."""
+    parts = problem.linearised(problem.parameters, False)
+    variances = np.zeros(3)
+    for part, one in zip(parts, problem.eliminate(parts, False)[1], strict=True):
+        if part.output == TEMPERATURE:
+            both = np.zeros((2, *one.values.shape[:2]))
+            for which, weights in enumerate(both):
+                weights[:, which - 2] = 1.0 / len(weights)
+                weights[0, which - 2] -= 1.0
+            both[0] *= problem.parameters.thermal_gain_c_per_kw
+            variances += [one.variance(weights) for weights in (*both, both.sum(axis=0))]
+    heat, offset, together = variances
+    return float((together - heat - offset) / (2.0 * np.sqrt(heat * offset)))

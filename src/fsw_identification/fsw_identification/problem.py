@@ -121,34 +121,21 @@ class Problem:
     start : ModelParameters
     free : sequence of str
         Names of the parameters to estimate.
-
-    Attributes
-    ----------
-    noise : (3,) array
-        Standard deviation of each output's residuals.
-    walk : (2, 5) array
-        Standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend.
-    fixed_walk : bool
-        Whether ``walk`` stays as it is.
-    reject : bool
-        Whether outliers are left out, instead of counting less (Huber).
-    shifts : list of Shift
-    sizes : array
-        Of the shifts.
-    share : float
-        Of the tool in slow disturbances of the temperature.
-    predicted, residuals : list of (n, 3) arrays
-        At the last solution, by segment.
     """
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.parameters, self.free = start, tuple(free)
-        self.noise, self.walk = np.array([0.01, 1.0, 10.0]), WALK[1].copy()
+        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's residuals
+        #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
+        self.walk = WALK[1].copy()
+        self.fixed_walk = True  #: whether ``walk`` stays as it is
+        self.reject = False  #: whether outliers are left out, instead of counting less (Huber)
         self.shifts: list[Shift] = []
-        self.sizes, self.share = np.zeros(0), SHARE
-        self.reject, self.fixed_walk = False, True
+        self.sizes = np.zeros(0)  #: of the shifts
+        self.share = SHARE  #: of the tool in slow disturbances of the temperature
         self.segments = list(segments)
         self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
+        #: (n, 3) by segment, at the last solution
         self.predicted, self.residuals = list[FloatArray](), list[FloatArray]()
         self._known = [_measured(segment, start) for segment in segments]
         self._parts: list[_Part] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import COLOURS, STYLE
-from fsw_analysis.report import templates
+from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
 from fsw_identification.statistics import LAGS, Judgement
@@ -21,21 +20,19 @@ from fsw_identification.summary import NAMES, Summary, output_rows, parameter_ro
 
 def write(result: Summary, folder: Path) -> list[Path]:
     """Write ``report.html``, a single file, and its figure ``report.png``; returns the paths."""
-    picture, page = folder / "report.png", folder / "report.html"
+    picture, written = folder / "report.png", folder / "report.html"
     _draw(result, picture)
-    text = (
-        templates("fsw_identification", html=True)
-        .get_template("report.html.j2")
-        .render(
-            sources=result.sources,
-            parameters=parameter_rows(result),
-            outputs=output_rows(result),
-            remarks=remarks(result),
-            image=base64.b64encode(picture.read_bytes()).decode("ascii"),
-        )
+    text = page(
+        "fsw_identification",
+        "report.html.j2",
+        sources=result.sources,
+        parameters=parameter_rows(result),
+        outputs=output_rows(result),
+        remarks=remarks(result),
+        image=source(picture.read_bytes()),
     )
-    page.write_text(text, encoding="utf-8")
-    return [page, picture]
+    written.write_text(text, encoding="utf-8")
+    return [written, picture]
 
 
 def _draw(result: Summary, path: Path) -> None:

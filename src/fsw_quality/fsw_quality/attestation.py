@@ -7,11 +7,8 @@ each by its number, so that a weld that is removed later leaves a hole.
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -22,10 +19,11 @@ from fsw_quality.procedure import Identity
 from fsw_quality.signature import LibraryMissingError, PublicKey
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest, manifest_of, read_manifest, sha256
+from fsw_recorder.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256
 from fsw_recorder.manifest_check import Finding, check_files, complete
-from fsw_schema.files import replacing
+from fsw_schema.files import locked, write_whole
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
 
 if TYPE_CHECKING:
@@ -113,11 +111,6 @@ class Chain:
     entries: tuple[Signed, ...] = ()
     problems: tuple[str, ...] = ()
 
-    @property
-    def next_number(self) -> int:
-        """Number of the next weld."""
-        return self.entries[-1].content.number + 1 if self.entries else 1
-
     def of(self, files_sha256: Mapping[str, str]) -> Signed | None:
         """The entry that has one of these MCAP or sqlite3 files."""
         wanted = _data_files(files_sha256)
@@ -163,18 +156,6 @@ def _data_files(files_sha256: Mapping[str, str]) -> set[str]:
     return {value for name, value in files_sha256.items() if name != METADATA_NAME}
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """One process at a time adds to a chain."""
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
-
-
 def attest(
     bag: Path,
     chain_folder: Path,
@@ -209,7 +190,9 @@ def attest(
     if found := check_files(bag, manifest):
         raise BagError(f"{bag}: cannot be attested: {summary(found)}")
     files = {one.name: one.sha256 for one in manifest.files}
-    with _locked(chain_folder):
+    with BagReader(bag) as reader:
+        software = software_versions({one.name: one.data for one in reader.attachments()})
+    with locked(chain_folder):
         chain = read_chain(chain_folder, [PublicKey(key.public_key().public_bytes_raw())])
         if chain.problems:
             raise InputError(f"the chain cannot be continued: {chain.problems[0]}")
@@ -217,7 +200,7 @@ def attest(
             return _end(bag, text, files, entry)
         last = chain.entries[-1] if chain.entries else None
         made = Attestation(
-            number=chain.next_number,
+            number=last.content.number + 1 if last else 1,
             previous_sha256=last.sha256 if last else None,
             bag=bag_name(bag),
             identity={name: manifest.custom_data[name] for name in IDENTITY if name in manifest.custom_data},
@@ -225,7 +208,7 @@ def attest(
             files_sha256=files,
             attachments_sha256=manifest.attachments_sha256,
             procedure=procedure,
-            software=_software(bag),
+            software=software,
             documents_sha256=hashes,
             notes=tuple(notes),
             attested_at=now.isoformat(timespec="seconds"),
@@ -245,11 +228,11 @@ def _hashes(documents: Sequence[Path]) -> dict[str, str]:
 def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519PrivateKey) -> None:
     """Write manifest, attestation and signature; the signature first: an attestation without one is never seen."""
     signed = signature.sign(text.encode(), key)
-    _replace(bag / MANIFEST_NAME, manifest_text)
-    _replace(signature.signature_path(entry), signed)
-    _replace(entry, text)
-    _replace(bag / ATTESTATION_NAME, text)
-    _replace(signature.signature_path(bag / ATTESTATION_NAME), signed)
+    write_whole(bag / MANIFEST_NAME, manifest_text, durable=True)
+    write_whole(signature.signature_path(entry), signed, durable=True)
+    write_whole(entry, text, durable=True)
+    write_whole(bag / ATTESTATION_NAME, text, durable=True)
+    write_whole(signature.signature_path(bag / ATTESTATION_NAME), signed, durable=True)
 
 
 def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed) -> Attestation:
@@ -259,10 +242,10 @@ def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: 
         raise BagError(f"{bag}: is in {place}")
     if entry.content.manifest_sha256 != sha256(manifest_text.encode()):
         raise BagError(f"{bag}: {MANIFEST_NAME} is not that of weld {entry.content.number} of the chain")
-    _replace(bag / MANIFEST_NAME, manifest_text)
-    _replace(bag / ATTESTATION_NAME, entry.data.decode())
+    write_whole(bag / MANIFEST_NAME, manifest_text, durable=True)
+    write_whole(bag / ATTESTATION_NAME, entry.data.decode(), durable=True)
     armoured = signature.signature_path(entry.path).read_text(encoding="ascii")
-    _replace(signature.signature_path(bag / ATTESTATION_NAME), armoured)
+    write_whole(signature.signature_path(bag / ATTESTATION_NAME), armoured, durable=True)
     return entry.content
 
 
@@ -281,7 +264,10 @@ def manifest_for(bag: Path) -> tuple[Manifest, str, list[str]]:
         if manifest is None:
             notes.append(f"no {MANIFEST_NAME}: the recorder was killed before it wrote one, or wrote none")
             attachments = {one.name: sha256(one.data) for one in reader.attachments()}
-            manifest = manifest_of(bag.resolve().name, (), reader.metadata.custom_data, attachments)
+            custom = reader.metadata.custom_data
+            manifest = Manifest(
+                bag=bag.resolve().name, custom_data=custom, attachments_sha256=attachments, clock=UNKNOWN, files=()
+            )
         notes += [f"{problem}" for problem in reader.problems]
     whole, more = complete(bag, manifest)
     text = whole.text() if more or not manifest.files else (bag / MANIFEST_NAME).read_text(encoding="utf-8")
@@ -294,24 +280,12 @@ def bag_name(path: Path) -> str:
     return f"{whole.parent.name}/{whole.name}" if whole.name == "bag" else whole.name
 
 
-def _software(bag: Path) -> dict[str, str]:
-    with BagReader(bag) as reader:
-        return software_versions({one.name: one.data for one in reader.attachments()})
-
-
 def software_versions(attachments: Mapping[str, bytes]) -> dict[str, str]:
     """What ``versions.json`` says; empty where there is none."""
     try:
         return {str(key): str(value) for key, value in json.loads(attachments["versions.json"]).items() if value}
     except (KeyError, ValueError, AttributeError):
         return {}
-
-
-def _replace(path: Path, text: str) -> None:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
-        with scratch.open("rb") as stream:
-            os.fsync(stream.fileno())
 
 
 def summary(found: Sequence[Finding]) -> str:

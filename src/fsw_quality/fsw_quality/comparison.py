@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t
 
+from fsw_quality.exceedances import Rounded
 from fsw_quality.verdict import Verdict
 from fsw_schema.models import InputError, Many, Model, json_content_of, read_text, validate
 
@@ -28,11 +29,11 @@ class Figure(Model):
 
     phase: str
     name: str
-    value: float
-    mean: float
-    low: float
-    high: float
-    deviations: float | None = None
+    value: Rounded
+    mean: Rounded
+    low: Rounded
+    high: Rounded
+    deviations: Rounded | None = None
     """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
 
     is_far: bool = False
@@ -97,10 +98,10 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
                     phase=phase.phase,
                     name=name,
                     value=value,
-                    mean=_round(values.mean()),
-                    low=_round(values.min()),
-                    high=_round(values.max()),
-                    deviations=None if off is None else _round(off),
+                    mean=values.mean(),
+                    low=values.min(),
+                    high=values.max(),
+                    deviations=off,
                     is_far=off is not None and abs(off) > _limit(values.size),
                 )
             )
@@ -125,7 +126,3 @@ def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:
             yield f"{name}, mean", phase.envelopes[key].mean
     if phase.heat_input_kj_per_mm is not None:
         yield "heat input [kJ/mm]", phase.heat_input_kj_per_mm
-
-
-def _round(value: float) -> float:
-    return round(float(value), 6)

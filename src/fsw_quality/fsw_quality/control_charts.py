@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-FloatArray = NDArray[np.float64]
+from fsw_analysis.weld_signals import FloatArray
 
 #: welds whose spread is the normal one, at most; fewer of a short history
 BASELINE = 20
-#: of a moving range of two, in standard deviations
-_D2 = 1.128
 #: chosen, as in Montgomery: weight and width of the EWMA, slack and limit of the CUSUM, in standard deviations
 EWMA_WEIGHT, EWMA_WIDTH = 0.2, 2.86
 CUSUM_SLACK, CUSUM_LIMIT = 0.5, 5.0
@@ -37,21 +34,16 @@ class Chart:
     #: welds at which each chart signals: ``shewhart``, ``ewma``, ``cusum``
     signals: dict[str, list[int]]
 
-    @property
-    def first(self) -> int | None:
-        """The first weld at which any chart signals."""
-        return min((min(found) for found in self.signals.values() if found), default=None)
 
-
-def chart(values: FloatArray, baseline: int = BASELINE, least_sigma: float = 0.0) -> Chart | None:
-    """Charts of a quantity, whose normal mean and spread are those of the first ``baseline`` welds.
+def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
+    """Charts of a quantity, whose normal mean and spread are those of the first welds.
 
     None with fewer than five known values, or without any spread. ``least_sigma`` is the smallest spread that counts.
     """
     known = np.flatnonzero(np.isfinite(values))
     if known.size < 5:
         return None
-    normal = values[known[: max(5, min(baseline, known.size // 2))]]
+    normal = values[known[: max(5, min(BASELINE, known.size // 2))]]
     # the medians are not moved by a weld among the normal ones that is not
     centre = float(np.median(normal))
     sigma = max(float(np.median(np.abs(np.diff(normal)))) / 0.954, least_sigma)
@@ -80,7 +72,6 @@ def chart(values: FloatArray, baseline: int = BASELINE, least_sigma: float = 0.0
 class Trend:
     """A straight line through a tool's welds, and when it reaches a limit."""
 
-    start: float
     per_weld: float
     interval: tuple[float, float]  #: of the slope, 95 %
     #: welds since the tool was new at which the limit is reached: soonest, expected, latest; infinite without a trend
@@ -102,7 +93,7 @@ def trend(values: FloatArray, rise: float) -> Trend | None:
         return None
     line = stats.linregress(known.astype(np.float64), values[known])
     half = float(stats.t.ppf(0.975, known.size - 2)) * float(line.stderr)
-    slope, start = float(line.slope), float(line.intercept)
+    slope = float(line.slope)
     middle = float(known.mean())
     left = rise - slope * middle
 
@@ -110,4 +101,4 @@ def trend(values: FloatArray, rise: float) -> Trend | None:
         return middle + left / per_weld if per_weld > 0.0 else float("inf")
 
     life = (reached(slope + half), reached(slope), reached(slope - half))
-    return Trend(start, slope, (slope - half, slope + half), life)
+    return Trend(slope, (slope - half, slope + half), life)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fsw_analysis.weld_signals import FloatArray, TextArray, WeldSignals
 from fsw_control.contract import SENSORS
-from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
@@ -47,6 +47,11 @@ class Course:
     def missing(self) -> dict[str, int]:
         """Samples that are not known, by variable."""
         return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Whose commands were applied, in order of time."""
+        return tuple(dict.fromkeys(str(one) for one in self.source if one))
 
     def spans(self) -> list[tuple[str, slice]]:
         """Ticks of each phase, in order of time."""
@@ -87,7 +92,7 @@ def course_of(signals: WeldSignals) -> Course:
         "torque_nm": signals.torque_nm,
         "force_kn": force,
         "speed_rpm": speed,
-        "power_kw": signals.torque_nm * speed * kw_from_w(rad_s_from_rpm(1.0)),
+        "power_kw": signals.torque_nm * speed * KW_PER_NM_RPM,
         "traverse_mm_per_min": traverse,
         "depth_error_mm": signals.depth_mm - signals.programme_depth_mm,
         "temperature_error_c": signals.temperature_c - signals.programme_temperature_c,

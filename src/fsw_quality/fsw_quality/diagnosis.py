@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
-
-from fsw_schema.models import Model
+from fsw_schema.models import Many, Model
 from fsw_schema.yaml_text import load_yaml
 
 #: a residual below this share of its limit is exonerated: it fits
@@ -35,7 +33,7 @@ class _Pattern(_Text):
 
 
 class _Texts(Model):
-    patterns: tuple[_Pattern, ...] = Field(strict=False)
+    patterns: Many[_Pattern]
     figures: dict[str, _Text]
 
 
@@ -65,25 +63,16 @@ class Finding:
         return self.kind.endswith(("sensor", "thermocouple"))
 
 
-def _strings(text: str) -> object:
-    content = load_yaml(text)
-    for one in content["patterns"]:  # yes and no are words here
-        one["residuals"] = {
-            key: {True: "yes", False: "no"}.get(value, value) if isinstance(value, bool) else value
-            for key, value in one["residuals"].items()
-        }
-    return content
+def _content(name: str) -> Any:
+    return load_yaml(files("fsw_quality").joinpath(name).read_text(encoding="utf-8"))
 
 
-_TEXTS = _Texts.model_validate(
-    _strings(files("fsw_quality").joinpath("monitor_texts.yaml").read_text(encoding="utf-8")), strict=False
-)
+_TEXTS = _Texts.model_validate(_content("monitor_texts.yaml"))
 
 
 def load_limits() -> dict[str, Limits]:
     """The limits of all processes, from ``monitor_limits.yaml``."""
-    content = load_yaml(files("fsw_quality").joinpath("monitor_limits.yaml").read_text(encoding="utf-8"))
-    return {name: Limits.model_validate(one) for name, one in content.items()}
+    return {name: Limits.model_validate(one) for name, one in _content("monitor_limits.yaml").items()}
 
 
 def diagnose(
@@ -113,24 +102,18 @@ def _of_residuals(
 ) -> Finding:
     """The cause whose pattern the residuals have; a residual between exonerated and beyond fits both ways."""
 
+    told = {name: "yes" if figure in beyond else "no" for name, figure in RESIDUALS.items()}
+    if not limits.known_heat:
+        del told["heat"]
+
     def fits(pattern: _Pattern) -> bool:
-        for name, answer in pattern.residuals.items():
-            figure = RESIDUALS[name]
-            unknown = name == "heat" and not limits.known_heat
-            if answer == "any":
-                continue
-            if unknown or (figure in beyond) != (answer == "yes"):
-                return False
-        return True
+        return all(answer in ("any", told.get(name)) for name, answer in pattern.residuals.items())
 
     pattern = next((one for one in _TEXTS.patterns if fits(one)), _TEXTS.patterns[-1])
     figure = max(beyond, key=lambda name: ratios[name])
-    doubtful = sum(
-        1
-        for name in RESIDUALS.values()
-        if name not in beyond
-        and (name not in ratios or ratios[name] >= EXONERATED or "any" in pattern.residuals.values())
-    )
+    unsure = "any" in pattern.residuals.values()
+    others = [name for name in RESIDUALS.values() if name not in beyond]
+    doubtful = sum(unsure or ratios.get(name, EXONERATED) >= EXONERATED for name in others)
     causes = 1 + doubtful + pattern.cause.count(", or ")
     return Finding(
         pattern.kind,

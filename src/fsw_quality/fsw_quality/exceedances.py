@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Strict
+from pydantic import AfterValidator, Strict
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
 from fsw_quality.course import Course
+from fsw_quality.procedure import Check, Kind, Procedure
 from fsw_schema.models import Many, Model
 
-Kind = Literal["essential", "quality", "set_point"]
-Pair = Annotated[tuple[float, float], Strict(False)]
+#: to six decimals
+Rounded = Annotated[float, AfterValidator(lambda value: round(float(value), 6))]
+Pair = Annotated[tuple[Rounded, Rounded], Strict(False)]
 
 
 class Exceedance(Model):
@@ -24,15 +26,15 @@ class Exceedance(Model):
     variable: str
     limit: str
     """in words"""
-    begin_s: float
+    begin_s: Rounded
     """on the clock of the weld, whose first tick is at 0.1 s"""
-    duration_s: float
+    duration_s: Rounded
     samples: int
     missing: int
     """of the samples, those that are not on record"""
-    extreme: float | None = None
+    extreme: Rounded | None = None
     """value that is furthest outside; without one when no sample is on record"""
-    beyond: float | None = None
+    beyond: Rounded | None = None
     """how far it is outside"""
     phases: Many[str]
     angle_deg: Pair | None = None
@@ -57,33 +59,31 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
 
 
-def find(
-    course: Course,
-    kind: Kind,
-    variable: str,
-    bounds: tuple[float | None, float | None],
-    words: str,
-    phases: tuple[str, ...] = (),
-) -> list[Exceedance]:
-    """All exceedances of one limit, which holds in ``phases`` (all, where empty) and where the phase is not known."""
-    values = course.values[variable]
-    excess = beyond(values, *bounds)
-    holds = np.isin(course.phase.astype(str), [*phases, ""]) if phases else np.ones(values.size, bool)
+def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
+    """All exceedances of limits and permitted set-points, in the order of the checks."""
+    return [one for check in procedure.checks() for one in _exceedances(course, check)]
+
+
+def _exceedances(course: Course, check: Check) -> list[Exceedance]:
+    """Of one check, which holds in its phases and where the phase is not known."""
+    values = course.values[check.variable]
+    excess = beyond(values, check.min, check.max)
+    holds = np.isin(course.phase.astype(str), [*check.phases, ""]) if check.phases else np.ones(values.size, bool)
     found = []
     for run in runs(~(excess == 0.0) & holds):
         missing = ~np.isfinite(excess[run])
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
         found.append(
             Exceedance(
-                kind=kind,
-                variable=variable,
-                limit=words,
-                begin_s=_round(course.time_s[run.start]),
-                duration_s=_round(course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S),
+                kind=check.kind,
+                variable=check.variable,
+                limit=check.words,
+                begin_s=course.time_s[run.start],
+                duration_s=course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S,
                 samples=run.stop - run.start,
                 missing=int(missing.sum()),
-                extreme=None if worst is None else _round(values[run][worst]),
-                beyond=None if worst is None else _round(excess[run][worst]),
+                extreme=None if worst is None else values[run][worst],
+                beyond=None if worst is None else excess[run][worst],
                 phases=tuple(dict.fromkeys(str(one) for one in course.phase[run] if one)),
                 angle_deg=_ends(course.angle_deg[run]),
                 travel_mm=_ends(course.travel_mm[run]),
@@ -95,8 +95,4 @@ def find(
 
 def _ends(values: FloatArray) -> tuple[float, float] | None:
     known = values[np.isfinite(values)]
-    return (_round(known[0]), _round(known[-1])) if known.size else None
-
-
-def _round(value: float) -> float:
-    return round(float(value), 6)
+    return (known[0], known[-1]) if known.size else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from fsw_analysis.figure_style import STYLE
+from fsw_analysis.report import png
 from fsw_quality.course import Course
-from fsw_quality.exceedances import Exceedance, Kind
-from fsw_quality.procedure import Procedure
+from fsw_quality.exceedances import Exceedance
+from fsw_quality.procedure import Kind, Procedure
 
 _PANELS = {
     "depth_mm": "depth [mm]",
@@ -25,6 +25,7 @@ _PANELS = {
     "torque_nm": "torque [N·m]",
     "power_kw": "power [kW]",
 }
+_DPI = 130
 _LIMIT: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (6, 3))}
 #: told apart without colour
 _MARKS: dict[Kind, dict[str, Any]] = {
@@ -60,7 +61,7 @@ def traces(course: Course, procedure: Procedure) -> bytes:
                 axes[0].annotate(name, (minutes[ticks][0], 1.02), xycoords=("data", "axes fraction"), fontsize=8.0)
         axes[-1].set_xlabel("time [min]; black line: set-point in force; dashed: limit of the procedure")
         figure.align_ylabels()
-        return _png(figure)
+        return png(figure, _DPI)
 
 
 def _limits(axis: Axes, name: str, course: Course, procedure: Procedure) -> None:
@@ -112,10 +113,4 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
         handles.append(Patch(label="samples missing", **_MISSING))
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.55 / (0.3 * len(rows)))}
         axis.legend(handles=handles, ncol=len(handles), frameon=False, fontsize=8.0, **below)
-        return _png(figure)
-
-
-def _png(figure: Figure) -> bytes:
-    with io.BytesIO() as file:
-        figure.savefig(file, format="png", dpi=130)
-        return file.getvalue()
+        return png(figure, _DPI)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import isfinite, nan
@@ -17,12 +16,11 @@ from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.course import course_of
 from fsw_quality.monitor_run import Watched
-from fsw_schema.files import replacing
+from fsw_schema.files import locked, replacing
 from fsw_schema.models import InputError
 
 #: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
 TORQUE_NM = 1021.5
-_LOCK = ".lock"
 #: files that are joined into one when a row is added
 _MOST_FILES = 50
 TEXTS = ("weld", *IDENTITY, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
@@ -70,9 +68,8 @@ def row(
     course = course_of(signals)
     found: Row = {"weld": name, **{key: identity.get(key, "") for key in IDENTITY}, "verdict": verdict}
     found[FILES] = ",".join(files_sha256)
-    found["controllers"] = ", ".join(dict.fromkeys(str(one) for one in course.source if one))
-    actions = [one for one in signals.events if one.kind == "operator"]
-    found["operators"] = ", ".join(dict.fromkeys(one.text.partition(": ")[0] for one in actions))
+    found["controllers"] = ", ".join(course.controllers)
+    found["operators"] = ", ".join(signals.operators)
     sources = course.source[course.source != ""]
     found |= {
         "start_ns": int(signals.stamp_ns[0]),
@@ -80,7 +77,7 @@ def row(
         "alarm_kinds": ", ".join(dict.fromkeys(one.finding.kind for one in watched.alarms)),
         "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.cause}" for one in watched.alarms),
         "swaps": int(np.sum(sources[1:] != sources[:-1])),
-        "operator_actions": len(actions),
+        "operator_actions": sum(one.kind == "operator" for one in signals.events),
         "duration_s": float(course.time_s[-1] - course.time_s[0]),
         "torque_nm": watched.gains["torque"][0] * TORQUE_NM if "torque" in watched.gains else nan,
         "power_kw": _mean(course.values["power_kw"]),
@@ -113,9 +110,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
         If a weld is in the history already, under its name or another, or the folder cannot be written.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / _LOCK).open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with locked(folder):
             files = _files(folder)
             there = load(folder) if files else SCHEMA.empty_table()
             fresh = pa.Table.from_pylist(list(rows), SCHEMA)

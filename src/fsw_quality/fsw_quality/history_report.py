@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -15,10 +13,10 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import STYLE
-from fsw_analysis.report import templates
+from fsw_analysis.report import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
 WORN_NM = 50.0
@@ -76,17 +74,14 @@ def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
                 more = f", and at {len(at) - 1} later welds" if len(at) > 1 else ""
                 value = f"{one.values[at[0]]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
                 said.append((at[0], f"{kind} chart of {NUMBERS[name]} signals: {value}{more}"))
-    columns = {
-        name: table[name].to_pylist() for name in ("alarm_texts", "swaps", "operators", "verdict", "controllers")
-    }
-    for i in range(len(names)):
-        said += [(i, f"alarm at {line}") for line in (columns["alarm_texts"][i] or "").splitlines()]
-        if columns["swaps"][i]:
-            said.append((i, f"{columns['swaps'][i]} swap(s): {columns['controllers'][i]}"))
-        if columns["operators"][i]:
-            said.append((i, f"operator acted: {columns['operators'][i]}"))
-        if columns["verdict"][i] in ("review", "reject"):
-            said.append((i, f"verdict {columns['verdict'][i]}"))
+    for i, weld in enumerate(table.select(["alarm_texts", "swaps", "operators", "verdict", "controllers"]).to_pylist()):
+        said += [(i, f"alarm at {line}") for line in (weld["alarm_texts"] or "").splitlines()]
+        if weld["swaps"]:
+            said.append((i, f"{weld['swaps']} swap(s): {weld['controllers']}"))
+        if weld["operators"]:
+            said.append((i, f"operator acted: {weld['operators']}"))
+        if weld["verdict"] in ("review", "reject"):
+            said.append((i, f"verdict {weld['verdict']}"))
     return [(names[i], text) for i, text in sorted(said)]
 
 
@@ -100,21 +95,18 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
     """
     found = charts(table)
     said = remarks(table, found)
-    text = (
-        templates("fsw_quality", html=True)
-        .get_template("history.html.j2")
-        .render(
-            title=title,
-            welds=table.num_rows,
-            remarks=said[-_MOST:] if len(said) > _MOST else said,
-            left_out=max(0, len(said) - _MOST),
-            tools=tools(table),
-            image=f"data:image/png;base64,{base64.b64encode(draw(table, found)).decode()}",
-            table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
-        )
+    text = page(
+        "fsw_quality",
+        "history.html.j2",
+        title=title,
+        welds=table.num_rows,
+        remarks=said[-_MOST:],
+        left_out=max(0, len(said) - _MOST),
+        tools=tools(table),
+        image=source(draw(table, found)),
+        table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
     )
-    with replacing(target) as scratch:
-        scratch.write_text(text, encoding="utf-8")
+    write_whole(target, text)
     return said
 
 
@@ -159,6 +151,4 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
         axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
         for axis in axes[-1]:
             axis.set_xlabel("weld")
-        with io.BytesIO() as file:
-            figure.savefig(file, format="png", dpi=100)
-            return file.getvalue()
+        return png(figure, 100)

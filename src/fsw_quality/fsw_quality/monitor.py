@@ -205,8 +205,3 @@ class Monitor:
         if isfinite(self._model.torque_ratio):
             found["torque"] = self._model.torque_ratio, nan
         return found
-
-    @property
-    def levels(self) -> dict[str, float]:
-        """Residuals against those at the begin of the weld: torque [N m], heat [degC], depth [mm/s]; NaN before."""
-        return self._model.levels

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Finding
 from fsw_quality.monitor import Monitor, Sample
+from fsw_schema.yaml_text import load_yaml
 
 _PROGRESS_TICKS = 500
 
@@ -32,7 +34,6 @@ class Watched:
     time_s: list[float] = field(default_factory=list)  #: of the figures, once a second
     figures: list[dict[str, float]] = field(default_factory=list)
     gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: surest of each, with standard error
-    levels: dict[str, float] = field(default_factory=dict)  #: the last
 
     def largest(self) -> dict[str, float]:
         """Largest value of each figure."""
@@ -45,6 +46,18 @@ class Watched:
     def series(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """A figure over ``time_s``; NaN where it was not known."""
         return np.array([one.get(name, np.nan) for one in self.figures])
+
+
+def process_of(signals: WeldSignals) -> str:
+    """``canister`` if the scenario in the bag says so, or the bag is of a machine; else ``paper``."""
+    text = signals.attachments.get("scenario.yaml")
+    if text is None:
+        return "paper" if signals.truth is not None else "canister"
+    try:
+        plant = load_yaml(text.decode("utf-8", "replace"))["plant"]
+        return "canister" if plant["process"] == "canister" else "paper"
+    except (yaml.YAMLError, KeyError, TypeError):
+        return "paper"
 
 
 def samples(signals: WeldSignals) -> Iterator[Sample]:
@@ -79,7 +92,6 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
             _note(found, present, monitor, sample.time_s)
         if progress is not None and tick % _PROGRESS_TICKS == 0:
             progress(tick / signals.n_ticks)
-    found.levels = dict(monitor.levels)
     return found
 
 

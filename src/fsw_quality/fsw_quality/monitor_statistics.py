@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from fsw_analysis.weld_signals import FloatArray
 
 #: lags of the autocorrelation that :func:`ljung_box` sums
 LAGS = 20
@@ -18,30 +18,20 @@ _ORDER = 12
 _CROSSINGS = 4
 
 
-class Window:
-    """The newest samples, as one contiguous array, without copying at each tick."""
+class Window(deque[float]):
+    """The newest samples, at most ``size``."""
 
     def __init__(self, size: int) -> None:
-        self._size, self._data, self._at, self._filled = size, np.zeros(2 * size), 0, 0
-
-    def push(self, value: float) -> None:
-        """Take a sample."""
-        self._data[self._at] = self._data[self._at + self._size] = value
-        self._at = (self._at + 1) % self._size
-        self._filled = min(self._filled + 1, self._size)
+        super().__init__(maxlen=size)
 
     @property
     def full(self) -> bool:
         """Whether as many samples have come as it holds."""
-        return self._filled == self._size
+        return len(self) == self.maxlen
 
-    def __len__(self) -> int:
-        return self._filled
-
-    def values(self, newest: int | None = None) -> FloatArray:
-        """The samples, oldest first; only the ``newest`` ones if that is given. A view, valid until the next sample."""
-        end = self._at + self._size
-        return self._data[end - min(newest or self._filled, self._filled) : end]
+    def values(self, newest: int = 0) -> FloatArray:
+        """The samples, oldest first; only the ``newest`` ones if that is given."""
+        return np.array(self)[-newest:]
 
 
 def noise_sigma(values: FloatArray) -> float:
@@ -125,15 +115,13 @@ def harris_index(errors: FloatArray, delay: int) -> float:
         reach = min(i, _ORDER)
         impulse[i] = float(weights[:reach] @ impulse[i - 1 :: -1][:reach])
     innovation = max(float(covariance[0] - weights @ covariance[1:]), 0.0)
-    mean_square = power / n
-    return min(innovation * float(impulse @ impulse) / mean_square, 1.0)
+    return min(innovation * float(impulse @ impulse) / (power / n), 1.0)
 
 
-def best_delay(given: FloatArray, followed: FloatArray, largest: int) -> tuple[int, float]:
-    """Samples by which ``followed`` is behind ``given``: where they differ least; and that mean square difference."""
+def best_delay(given: FloatArray, followed: FloatArray, largest: int) -> int:
+    """Samples by which ``followed`` is behind ``given``: where they differ least."""
     squares = [
         float(np.mean((followed[largest:] - given[largest - delay : given.size - delay]) ** 2))
         for delay in range(largest + 1)
     ]
-    delay = int(np.argmin(squares))
-    return delay, squares[delay]
+    return int(np.argmin(squares))

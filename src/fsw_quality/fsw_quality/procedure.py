@@ -7,9 +7,9 @@ import json
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import AfterValidator, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_control.contract import SENSORS
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
@@ -31,18 +31,9 @@ Variable = Literal[
     "depth_error_mm",
     "temperature_error_c",
 ]
-VARIABLES: tuple[Variable, ...] = get_args(Variable)
 #: sensors that may be required: those of a tick, and what the drives report
 SENSOR_NAMES = (*SENSORS, "drives")
 ANGLE_DEG = Range(0.0, 720.0, "deg")
-
-
-def _date(text: str) -> str:
-    try:
-        date.fromisoformat(text)
-    except ValueError:
-        raise ValueError(f"is {text!r}, not a date; write it in quotes, e.g. '2026-11-24'") from None
-    return text
 
 
 def _sensor(name: str) -> str:
@@ -58,30 +49,34 @@ def _hash(text: str) -> str:
 
 
 Text = Annotated[str, Field(min_length=1), AfterValidator(lambda text: " ".join(text.split()))]
-Date = Annotated[str, AfterValidator(_date)]
+#: also as YAML has it without quotes
+Date = Annotated[date, Strict(False)]
 Hash = Annotated[str, AfterValidator(_hash)]
 
 
-class Material(Model):
-    """What is welded."""
+class Sourced(Model):
+    """What says where its figures come from."""
 
-    name: Text
-    thickness_mm: PositiveFloat
     source: Text
     """where the figures come from"""
 
 
-class Geometry(Model):
+class Material(Sourced):
+    """What is welded."""
+
+    name: Text
+    thickness_mm: PositiveFloat
+
+
+class Geometry(Sourced):
     """The joint."""
 
     joint: Text
     diameter_mm: PositiveFloat
     """of the joint line"""
-    source: Text
-    """where the figures come from"""
 
 
-class Tool(Model):
+class Tool(Sourced):
     """The tool."""
 
     id: Text | None = None
@@ -91,21 +86,17 @@ class Tool(Model):
     """its shape"""
     life_mm: PositiveFloat | None = None
     """length of weld for which it may be used"""
-    source: Text
-    """where the figures come from"""
 
 
-class Machine(Model):
+class Machine(Sourced):
     """The welding machine."""
 
     name: Text
     traverse_mm_per_min: PositiveFloat
     """set traverse speed"""
-    source: Text
-    """where the figures come from"""
 
 
-class Phase(Model):
+class Phase(Sourced):
     """A phase of the weld: it ends at an angle, or lasts for a time."""
 
     name: Name
@@ -113,8 +104,6 @@ class Phase(Model):
     """angle that must be reached"""
     duration_s: PositiveFloat | None = None
     """least time of a phase without travel"""
-    source: Text
-    """where the figures come from"""
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -123,14 +112,12 @@ class Phase(Model):
         return self
 
 
-class SetPoint(Model):
+class SetPoint(Sourced):
     """A set-point at the start of the weld, and the range that every set-point must be in."""
 
     value: float
     min: float
     max: float
-    source: Text
-    """where the figures come from"""
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
@@ -154,7 +141,7 @@ class SetPoints(Model):
         return self
 
 
-class Limit(Model):
+class Limit(Sourced):
     """Limits on a variable, in all phases or in some."""
 
     variable: Variable
@@ -162,8 +149,6 @@ class Limit(Model):
     max: float | None = None
     phases: Many[Name] = ()
     """in which it holds; left out: in all"""
-    source: Text
-    """where the figures come from"""
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
@@ -173,12 +158,30 @@ class Limit(Model):
             raise ValueError(f"is impossible: min {self.min:g} is not below max {self.max:g}")
         return self
 
+    def holds(self, value: float) -> bool:
+        """Whether a value is inside."""
+        return (self.min is None or self.min <= value) and (self.max is None or value <= self.max)
+
     @property
     def words(self) -> str:
         """E.g. ``temperature_c 790 to 910 in joint_line``."""
         low = "" if self.min is None else f" {self.min:g}" if self.max is not None else f" at least {self.min:g}"
         high = "" if self.max is None else f" to {self.max:g}" if self.min is not None else f" at most {self.max:g}"
         return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
+
+
+Kind = Literal["essential", "quality", "set_point"]
+
+
+class Check(NamedTuple):
+    """What every sample of a phase must be within."""
+
+    kind: Kind
+    variable: str
+    min: float | None
+    max: float | None
+    words: str
+    phases: tuple[str, ...] = ()  #: all, where empty
 
 
 class Controller(Model):
@@ -197,15 +200,13 @@ class Sensor(Model):
     """last day on which its calibration is valid"""
 
 
-class Acceptance(Model):
+class Acceptance(Sourced):
     """What decides between accept, review and reject."""
 
     tolerated_s: Annotated[float, Range(0.0, 10.0, "s")]
     """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
-    source: Text
-    """where the figures come from"""
 
 
 class Identity(Model):
@@ -255,27 +256,20 @@ class Procedure(Model):
         angles = [phase.to_deg for phase in self.phases if phase.to_deg is not None]
         if angles != sorted(set(angles)):
             raise problem("do not ascend in to_deg", "phases")
-        self._check_errors_may_be_zero()
         self._check_set_points_inside_limits()
         return self
 
-    def _check_errors_may_be_zero(self) -> None:
+    def _check_set_points_inside_limits(self) -> None:
+        """At its set-points a weld has no error, and is inside all essential limits."""
+        points = dict(self.set_points)
         for key in ("essential", "quality"):
             for row, limit in enumerate(getattr(self, key)):
-                if limit.variable in ("depth_error_mm", "temperature_error_c") and not (
-                    (limit.min is None or limit.min <= 0.0) and (limit.max is None or limit.max >= 0.0)
-                ):
+                if "_error_" in limit.variable and not limit.holds(0.0):
                     raise problem("is impossible: a weld at its set-points, error 0, is outside", key, row)
-
-    def _check_set_points_inside_limits(self) -> None:
         for row, limit in enumerate(self.essential):
-            if limit.variable not in ("depth_mm", "temperature_c"):
-                continue
-            allowed: SetPoint = getattr(self.set_points, limit.variable)
-            if (limit.min is not None and allowed.min < limit.min) or (
-                limit.max is not None and allowed.max > limit.max
-            ):
-                text = f"is impossible: set-points from {allowed.min:g} to {allowed.max:g} are permitted outside it"
+            one = points.get(limit.variable)
+            if one is not None and not (limit.holds(one.min) and limit.holds(one.max)):
+                text = f"is impossible: set-points from {one.min:g} to {one.max:g} are permitted outside it"
                 raise problem(text, "essential", row)
 
     @property
@@ -286,7 +280,15 @@ class Procedure(Model):
     @property
     def identity(self) -> Identity:
         """Name, revision and hash."""
-        return Identity(id=self.id, revision=self.revision, date=self.date, sha256=self.sha256)
+        return Identity(id=self.id, revision=self.revision, date=self.date.isoformat(), sha256=self.sha256)
+
+    def checks(self) -> Iterator[Check]:
+        """All limits and the permitted set-points, in that order."""
+        for kind, one in self.limits():
+            yield Check(kind, one.variable, one.min, one.max, one.words, one.phases)
+        for name, point in self.set_points:
+            words = f"set-point {name} {point.min:g} to {point.max:g}"
+            yield Check("set_point", f"set_point_{name}", point.min, point.max, words)
 
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""

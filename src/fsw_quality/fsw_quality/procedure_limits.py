@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.units import KW_PER_NM_RPM
 from fsw_model import OperatingPointError, ProcessModel, nominal
 from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
 from fsw_recorder.after_recording import BAG
@@ -90,18 +90,16 @@ def check_possible(procedure: Procedure) -> None:
     except OperatingPointError as error:
         raise InputError(f"procedure {procedure.id}: its set-points cannot be held: {error}") from None
     torque_nm = needed.outputs.motor_torque_nm
-    power_kw = torque_nm * kw_from_w(rad_s_from_rpm(needed.speed_rpm))
     values: dict[Variable, float] = {
         "force_kn": needed.force_kn,
         "speed_rpm": needed.speed_rpm,
         "torque_nm": torque_nm,
-        "power_kw": power_kw,
+        "power_kw": torque_nm * needed.speed_rpm * KW_PER_NM_RPM,
         "traverse_mm_per_min": procedure.machine.traverse_mm_per_min,
     }
     for limit in procedure.essential:
         value = values.get(limit.variable)
-        low, high = limit.min, limit.max
-        if value is not None and not ((low is None or low <= value) and (high is None or value <= high)):
+        if value is not None and not limit.holds(value):
             whose = "the machine has" if limit.variable == "traverse_mm_per_min" else f"the model needs at {at}"
             raise InputError(
                 f"procedure {procedure.id}: essential limit {limit.words} is impossible: {value:.4g} is what {whose}"

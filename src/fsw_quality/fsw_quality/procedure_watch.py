@@ -17,12 +17,7 @@ def tuning_sha256(parameters: Mapping[str, Any]) -> str:
 
 
 class ProcedureWatch:
-    """What of a weld is not as its procedure has it; each deviation by a name of its own, in words.
-
-    Parameters
-    ----------
-    procedure : Procedure
-    """
+    """What of a weld is not as its procedure has it; each deviation by a name of its own, in words."""
 
     def __init__(self, procedure: Procedure) -> None:
         self._procedure = procedure

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,25 +13,24 @@ from pydantic import Strict
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
+from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldEvent, WeldSignals
 from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
-from fsw_quality.exceedances import Exceedance, beyond
+from fsw_quality.exceedances import Exceedance, Rounded, beyond, exceedances
 from fsw_quality.procedure import Identity, Procedure
 from fsw_quality.procedure_watch import tuning_sha256
-from fsw_quality.verdict import Evidence, Rule, Verdict, decide, exceedances, judge
+from fsw_quality.verdict import Evidence, Rule, Verdict, decide, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.manifest import mapped, sha256
 from fsw_schema.models import Many, Model
 
-#: stamps below this are of simulated time
-_SIMULATED_NS = NANOSECONDS * 10**8
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
 #: node that watches the procedure, and where it tells what it finds
@@ -57,37 +55,37 @@ class BagFile(Model):
 class Statistics(Model):
     """Of an error, measured value minus the programme's set-point, in the unit of its name."""
 
-    mean: float
-    sigma: float
-    min: float
-    max: float
-    iae: float
+    mean: Rounded
+    sigma: Rounded
+    min: Rounded
+    max: Rounded
+    iae: Rounded
     """integral of the absolute error, in the unit times s"""
-    inside_share: float | None = None
+    inside_share: Rounded | None = None
     """share of the samples within the procedure's quality limits; without any limit left out"""
 
 
 class Envelope(Model):
     """Smallest, mean and largest value of a variable."""
 
-    min: float
-    mean: float
-    max: float
+    min: Rounded
+    mean: Rounded
+    max: Rounded
 
 
 class PhaseRecord(Model):
     """Figures of a phase, or of the whole weld."""
 
     phase: str
-    begin_s: float
-    end_s: float
-    travel_mm: float | None = None
+    begin_s: Rounded
+    end_s: Rounded
+    travel_mm: Rounded | None = None
     missing: int
     """ticks at which depth, torque or temperature is not on record"""
     depth_mm: Statistics | None = None
     temperature_c: Statistics | None = None
     envelopes: dict[str, Envelope]
-    heat_input_kj_per_mm: float | None = None
+    heat_input_kj_per_mm: Rounded | None = None
     """work of the spindle, friction in the drive included, per travel"""
 
 
@@ -96,8 +94,8 @@ class TimeOfControl(Model):
 
     who: str
     """name and session"""
-    begin_s: float
-    end_s: float
+    begin_s: Rounded
+    end_s: Rounded
     """when it was given away or lost, or the end of the weld"""
 
     @property
@@ -109,17 +107,17 @@ class TimeOfControl(Model):
 class Event(Model):
     """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault or deviation."""
 
-    time_s: float
+    time_s: Rounded
     kind: str
     text: str
-    angle_deg: float | None = None
+    angle_deg: Rounded | None = None
 
 
 class Gap(Model):
     """Ticks that are missing on all topics."""
 
-    begin_s: float
-    duration_s: float
+    begin_s: Rounded
+    duration_s: Rounded
 
 
 def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
@@ -147,7 +145,7 @@ class Record(Model):
     start_ns: int
     """stamp of the first tick"""
     simulated_time: bool
-    duration_s: float
+    duration_s: Rounded
     controllers: Many[str]
     """whose commands were applied"""
     operators: Many[str]
@@ -166,7 +164,7 @@ class Record(Model):
     unusable: dict[str, dict[str, int]]
     """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
     gaps: Many[Gap]
-    held_s: float
+    held_s: Rounded
     """time without automatic control: hold, manual or safe stop"""
     events: Many[Event]
     phases: Many[PhaseRecord]
@@ -239,12 +237,13 @@ def assemble(
         problems=tuple(signals.problems),
         lost=int(lost) if lost.isdecimal() else None,
         has_states=bool(signals.counts.get("/fsw/supervisor/state")),
-        stamp_ns=None if start_ns < _SIMULATED_NS else start_ns,
+        stamp_ns=None if start_ns < SIMULATED_NS else start_ns,
         parameters=parameters,
         unusable=unusable_samples(course),
     )
     rules = judge(course, procedure, found, signals.events, evidence)
     verdict, deciding = decide(rules)
+    phases = [*((name, ticks) for name, ticks in course.spans() if name), ("whole weld", slice(None))]
     record = Record(
         verdict=verdict,
         deciding=deciding,
@@ -256,21 +255,21 @@ def assemble(
         identity={key: custom[key] for key in IDENTITY if key in custom},
         start_ns=start_ns,
         simulated_time=evidence.stamp_ns is None,
-        duration_s=_round(course.time_s[-1] - course.time_s[0]),
-        controllers=tuple(dict.fromkeys(str(one) for one in course.source if one)),
-        operators=tuple(dict.fromkeys(_who(one) for one in signals.events if one.kind == "operator")),
+        duration_s=course.time_s[-1] - course.time_s[0],
+        controllers=course.controllers,
+        operators=signals.operators,
         control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
         parameters_sha256=parameters,
-        attachments_sha256={name: hashlib.sha256(data).hexdigest() for name, data in signals.attachments.items()},
+        attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
         exceedances=tuple(found),
         missing=course.missing,
         unusable=evidence.unusable,
-        gaps=tuple(Gap(begin_s=_round(begin), duration_s=_round(length)) for begin, length in course.gaps),
-        held_s=_round(TICK_S * float(np.sum((course.mode != "auto") & (course.mode != "")))),
+        gaps=tuple(Gap(begin_s=begin, duration_s=length) for begin, length in course.gaps),
+        held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
-        phases=tuple(_phases(course, procedure)),
+        phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
     )
     return record, course
 
@@ -301,15 +300,8 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
     """The files of a bag that a record names, with their hashes."""
     kinds = (*SUFFIXES, METADATA_NAME)
     paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
-    found = []
-    for path in paths:
-        with path.open("rb") as file:
-            found.append(
-                BagFile(
-                    name=path.name, bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest()
-                )
-            )
-    return tuple(found)
+    contents = ((path.name, mapped(path)) for path in paths)
+    return tuple(BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents)
 
 
 def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
@@ -321,10 +313,6 @@ def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
             continue
         found[name] = tuning_sha256(values)
     return found
-
-
-def _who(event: WeldEvent) -> str:
-    return event.text.partition(": ")[0]
 
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
@@ -341,11 +329,11 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
                 continue
             taker = answer[0].removeprefix(_HANDED)
         if holder and taker != holder:
-            found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(event.time_s)))
+            found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=event.time_s))
         if taker != holder:
             holder, since_s = taker, event.time_s
     if holder:
-        found.append(TimeOfControl(who=holder, begin_s=_round(since_s), end_s=_round(max(end_s, since_s))))
+        found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=max(end_s, since_s)))
     return found
 
 
@@ -377,14 +365,9 @@ def _events(signals: WeldSignals, course: Course) -> list[Event]:
     for one in found:
         at = min(int(np.searchsorted(course.time_s, one.time_s - 1e-6)), course.time_s.size - 1)
         angle = float(course.angle_deg[at])
-        angles.append(_round(angle) if np.isfinite(angle) else None)
+        angles.append(angle if np.isfinite(angle) else None)
     rows = sorted(zip(found, angles, strict=True), key=lambda row: row[0])
-    return [Event(time_s=_round(one.time_s), kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
-
-
-def _phases(course: Course, procedure: Procedure) -> list[PhaseRecord]:
-    spans = [(name, ticks) for name, ticks in course.spans() if name]
-    return [_phase(course, procedure, name, ticks) for name, ticks in [*spans, ("whole weld", slice(None))]]
+    return [Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
 
 
 def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:
@@ -392,15 +375,13 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
     time_s, power = course.time_s[ticks], values["power_kw"]
     travel = course.travel_mm[ticks]
     known = travel[np.isfinite(travel)]
-    travelled = _round(known[-1] - known[0]) if known.size else None
+    travelled = round(float(known[-1] - known[0]), 6) if known.size else None
     sensors = np.stack([values[key] for key in ("depth_mm", "torque_nm", "temperature_c")])
-    heat = None
-    if travelled and np.isfinite(power).all():
-        heat = _round(float(np.sum(power)) * TICK_S / travelled)
+    heat = float(np.sum(power)) * TICK_S / travelled if travelled and np.isfinite(power).all() else None
     return PhaseRecord(
         phase=name,
-        begin_s=_round(time_s[0]),
-        end_s=_round(time_s[-1]),
+        begin_s=time_s[0],
+        end_s=time_s[-1],
         travel_mm=travelled,
         missing=int(np.sum(~np.isfinite(sensors).all(axis=0))),
         depth_mm=_statistics(values["depth_error_mm"], procedure, "depth_error_mm", name),
@@ -421,14 +402,13 @@ def _statistics(error: FloatArray, procedure: Procedure, variable: str, phase: s
     known = error[np.isfinite(error)]
     limits = [one for one in procedure.quality if one.variable == variable and (not one.phases or phase in one.phases)]
     inside = [beyond(known, one.min, one.max) == 0.0 for one in limits]
-    numbers = {key: _round(value) for key, value in asdict(of).items()}
     return Statistics(
-        mean=numbers["mean"],
-        sigma=numbers["sigma"],
-        min=numbers["low"],
-        max=numbers["high"],
-        iae=_round(TICK_S * float(np.abs(known).sum())),
-        inside_share=_round(np.logical_and.reduce(inside).mean()) if inside else None,
+        mean=of.mean,
+        sigma=of.sigma,
+        min=of.low,
+        max=of.high,
+        iae=TICK_S * float(np.abs(known).sum()),
+        inside_share=np.logical_and.reduce(inside).mean() if inside else None,
     )
 
 
@@ -436,8 +416,4 @@ def _envelope(values: FloatArray) -> Envelope | None:
     known = values[np.isfinite(values)]
     if not known.size:
         return None
-    return Envelope(min=_round(known.min()), mean=_round(known.mean()), max=_round(known.max()))
-
-
-def _round(value: float) -> float:
-    return round(float(value), 6)
+    return Envelope(min=known.min(), mean=known.mean(), max=known.max())

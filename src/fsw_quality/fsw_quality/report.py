@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib
 
-from fsw_analysis.report import templates
+from fsw_analysis.report import page, source
 from fsw_quality import figures
 from fsw_quality.course import Course
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: exceedances and events in the page; the JSON has all
 MOST_ROWS = 60
@@ -32,26 +31,19 @@ def files() -> tuple[str, ...]:
 
 def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
     """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``quality``."""
-    images = {"traces": figures.traces(course, procedure)}
+    images = {"traces": source(figures.traces(course, procedure))}
     if (drawn := figures.unrolled(course, procedure, record.exceedances)) is not None:
-        images["unrolled"] = drawn
-    pages = templates("fsw_quality", html=True)
-    body = pages.get_template("body.html.j2").render(
-        record=record,
-        procedure=procedure,
-        images={name: f"data:image/png;base64,{base64.b64encode(data).decode()}" for name, data in images.items()},
-        most=MOST_ROWS,
-    )
+        images["unrolled"] = source(drawn)
+    body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images, most=MOST_ROWS)
     title = f"Weld {record.bag}"
     whole = {
         JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
-        PAGE: pages.get_template("record.html.j2").render(title=title, body=body).encode(),
+        PAGE: page("fsw_quality", "record.html.j2", title=title, body=body).encode(),
     }
     if can_write_pdf():
         whole[PDF] = _pdf(body, title)
     for name, data in whole.items():
-        with replacing(folder / name) as scratch:
-            scratch.write_bytes(data)
+        write_whole(folder / name, data)
     return [folder / name for name in whole]
 
 

@@ -17,15 +17,15 @@ Detection and Diagnosis in Engineering Systems, 1998).
 
 from __future__ import annotations
 
-from math import exp, pi, sqrt
+from math import exp, sqrt
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_analysis.weld_signals import FloatArray
+from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
-from fsw_quality.monitor_statistics import FloatArray
 
 #: a jump from one sample to the next, in standard deviations of the noise, that no process makes: an edge of the
 #: workpiece, a step of the sensor (chosen)
@@ -90,7 +90,7 @@ class ModelResiduals:
         self._creep += self._creep_gain * pushed
         self._slow_mm = self._slow * self._slow_mm + self._slow_gain * pushed
         sunk = depth_mm / (1.0 + p.softening_per_c * rise_c) - p.operating_depth_mm
-        power = (torque_nm - inertia_nm - friction_nm) * speed_rpm * pi / 30000.0
+        power = (torque_nm - inertia_nm - friction_nm) * speed_rpm * KW_PER_NM_RPM
         self._heat(power - p.operating_power_kw)
         pressed = self._creep + self._slow_mm
         return Residuals(

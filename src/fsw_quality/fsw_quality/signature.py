@@ -11,11 +11,12 @@ import os
 import stat
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 from fsw_schema.models import InputError
 
 if TYPE_CHECKING:  # of the extra quality
@@ -27,6 +28,8 @@ SUFFIX = ".sig"
 _MAGIC, _KIND, _HASH = b"SSHSIG", b"ssh-ed25519", b"sha512"
 _BEGIN, _END = "-----BEGIN SSH SIGNATURE-----", "-----END SSH SIGNATURE-----"
 _LINE = 70
+#: places in an Ed25519 signature of OpenSSH: where the key and the namespace begin, and what is behind the namespace
+_KEY_AT, _NAMESPACE_AT, _BEHIND, _VALUE_BYTES = 33, 69, 101, 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +77,10 @@ def make_key(path: Path, comment: str = "fsw-control") -> PublicKey:
         serialization.Encoding.PEM, serialization.PrivateFormat.OpenSSH, serialization.NoEncryption()
     )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with replacing(path, 0o600) as scratch:
-        scratch.write_bytes(text)
-    public = PublicKey(key.public_key().public_bytes_raw())
-    line = f"{_KIND.decode()} {base64.b64encode(_key_blob(public.raw)).decode()} {comment}\n"
-    with replacing(public_path) as scratch:
-        scratch.write_text(line, encoding="utf-8")
-    return public
+    write_whole(path, text, 0o600)
+    line = key.public_key().public_bytes(serialization.Encoding.OpenSSH, serialization.PublicFormat.OpenSSH)
+    write_whole(public_path, line + f" {comment}\n".encode())
+    return PublicKey(key.public_key().public_bytes_raw())
 
 
 def load_private(path: Path) -> Ed25519PrivateKey:
@@ -121,32 +121,25 @@ def load_public(path: Path) -> PublicKey:
     InputError
         It cannot be read, or is no such key.
     """
+    _check_installed()
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+    key = None
     try:
-        words = path.read_text(encoding="utf-8").split()
-        if len(words) < 2 or words[0] != _KIND.decode():
-            raise ValueError
-        kind, raw = _strings(base64.b64decode(words[1], validate=True), 2)
-        if kind != _KIND or len(raw) != 32:
-            raise ValueError
+        key = serialization.load_ssh_public_key(path.read_bytes())
     except OSError as error:
         raise InputError(f"public key {path}: {error.strerror}; 'fsw.py bag keygen' makes one") from None
-    except ValueError:
-        raise InputError(f"public key {path}: is no line 'ssh-ed25519 AAAA...'") from None
-    return PublicKey(raw)
+    except Exception:  # cryptography raises many kinds
+        pass
+    if not isinstance(key, Ed25519PublicKey):
+        raise InputError(f"public key {path}: is no line 'ssh-ed25519 AAAA...'")
+    return PublicKey(key.public_bytes_raw())
 
 
 def sign(message: bytes, key: Ed25519PrivateKey) -> str:
-    """Detached signature, armoured.
-
-    Parameters
-    ----------
-    message : bytes
-    key : Ed25519PrivateKey
-    """
-    public = key.public_key().public_bytes_raw()
-    signature = _string(_KIND) + _string(key.sign(_signed(message)))
-    names = _string(NAMESPACE.encode()) + _string(b"") + _string(_HASH)
-    blob = _MAGIC + struct.pack(">I", 1) + _string(_key_blob(public)) + names + _string(signature)
+    """Detached signature of a message, armoured."""
+    blob = _blob(key.public_key().public_bytes_raw(), NAMESPACE.encode(), key.sign(_signed(message)))
     text = base64.b64encode(blob).decode()
     return "\n".join([_BEGIN, *(text[at : at + _LINE] for at in range(0, len(text), _LINE)), _END, ""])
 
@@ -207,20 +200,15 @@ def verify_file(path: Path, trusted: Sequence[PublicKey] | None) -> PublicKey | 
 
 
 def _parse(armoured: str) -> tuple[PublicKey, bytes]:
-    try:
-        text = armoured.strip()
-        if not (text.startswith(_BEGIN) and text.endswith(_END)):
-            raise ValueError
-        blob = base64.b64decode("".join(text.removeprefix(_BEGIN).removesuffix(_END).split()), validate=True)
-        if blob[:6] != _MAGIC or blob[6:10] != struct.pack(">I", 1):
-            raise ValueError
-        key, namespace, _, algorithm, signature = _strings(blob[10:], 5)
-        kind, raw = _strings(key, 2)
-        signed_kind, value = _strings(signature, 2)
-        if kind != _KIND or signed_kind != _KIND or len(raw) != 32 or algorithm != _HASH:
-            raise ValueError
-    except ValueError:
-        raise InputError("the signature is damaged or no Ed25519 signature of OpenSSH's kind") from None
+    """Key and value of a signature."""
+    text, blob = armoured.strip(), b""
+    if text.startswith(_BEGIN) and text.endswith(_END):
+        with suppress(ValueError):
+            blob = base64.b64decode("".join(text.removeprefix(_BEGIN).removesuffix(_END).split()), validate=True)
+    raw, value = blob[_KEY_AT : _KEY_AT + 32], blob[-_VALUE_BYTES:]
+    namespace = blob[_NAMESPACE_AT:-_BEHIND]
+    if blob != _blob(raw, namespace, value):
+        raise InputError("the signature is damaged or no Ed25519 signature of OpenSSH's kind")
     if namespace != NAMESPACE.encode():
         raise InputError(f"the signature was made for {namespace.decode(errors='replace')!r}, not for {NAMESPACE!r}")
     return PublicKey(raw), value
@@ -228,32 +216,21 @@ def _parse(armoured: str) -> tuple[PublicKey, bytes]:
 
 def _signed(message: bytes) -> bytes:
     """What the key signs in place of a message."""
-    names = _string(NAMESPACE.encode()) + _string(b"") + _string(_HASH)
-    return _MAGIC + names + _string(hashlib.sha512(message).digest())
+    return _MAGIC + _strings(NAMESPACE.encode(), b"", _HASH, hashlib.sha512(message).digest())
+
+
+def _blob(raw: bytes, namespace: bytes, value: bytes) -> bytes:
+    """A signature with all that is beside it."""
+    return _MAGIC + struct.pack(">I", 1) + _strings(_key_blob(raw), namespace, b"", _HASH, _strings(_KIND, value))
 
 
 def _key_blob(raw: bytes) -> bytes:
-    return _string(_KIND) + _string(raw)
+    return _strings(_KIND, raw)
 
 
-def _string(data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + data
-
-
-def _strings(data: bytes, count: int) -> list[bytes]:
-    """Exactly so many strings, each behind its length; a ValueError for anything else."""
-    found = []
-    for _ in range(count):
-        if len(data) < 4:
-            raise ValueError
-        end = 4 + int.from_bytes(data[:4], "big")
-        if end > len(data):
-            raise ValueError
-        found.append(data[4:end])
-        data = data[end:]
-    if data:
-        raise ValueError
-    return found
+def _strings(*parts: bytes) -> bytes:
+    """Each behind its length."""
+    return b"".join(struct.pack(">I", len(part)) + part for part in parts)
 
 
 def _check_installed() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated
 
@@ -14,7 +14,7 @@ from fsw_analysis.weld_signals import WeldEvent
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S as TICK
 from fsw_quality.course import Course
-from fsw_quality.exceedances import Exceedance, Kind, find
+from fsw_quality.exceedances import Exceedance
 from fsw_quality.procedure import SENSOR_NAMES, Procedure
 from fsw_schema.models import Model
 
@@ -74,17 +74,6 @@ def decide(rules: Sequence[Rule]) -> tuple[Verdict, Rule]:
     return deciding.verdict, deciding
 
 
-def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
-    """All exceedances of essential and quality limits and of the permitted set-points, in that order."""
-    found = []
-    for kind, limit in procedure.limits():
-        found += find(course, kind, limit.variable, (limit.min, limit.max), limit.words, limit.phases)
-    for name, point in procedure.set_points:
-        words = f"set-point {name} {point.min:g} to {point.max:g}"
-        found += find(course, "set_point", f"set_point_{name}", (point.min, point.max), words)
-    return found
-
-
 def judge(
     course: Course, procedure: Procedure, found: Sequence[Exceedance], events: Sequence[WeldEvent], evidence: Evidence
 ) -> list[Rule]:
@@ -107,18 +96,17 @@ def _rule(name: str, words: str, figure: str, broken: bool, otherwise: Verdict =
 
 def _limits(procedure: Procedure, found: Sequence[Exceedance]) -> Iterator[Rule]:
     tolerated = procedure.acceptance.tolerated_s
-    wanted: list[tuple[Kind, str]] = [(kind, limit.words) for kind, limit in procedure.limits()]
-    wanted += [("set_point", f"set-point {name} {one.min:g} to {one.max:g}") for name, one in procedure.set_points]
-    for kind, words in wanted:
-        own = [one for one in found if one.kind == kind and one.limit == words]
+    for check in procedure.checks():
+        own = [one for one in found if one.kind == check.kind and one.limit == check.words]
         longest = max((one.duration_s for one in own), default=0.0)
         too_long = longest > tolerated + 1e-6
         verdict = Verdict.ACCEPT
-        if kind == "essential" and own:
+        if check.kind == "essential" and own:
             verdict = Verdict.REJECT if too_long else Verdict.REVIEW
-        elif (kind == "quality" and too_long) or (kind == "set_point" and own):
+        elif (check.kind == "quality" and too_long) or (check.kind == "set_point" and own):
             verdict = Verdict.REVIEW
-        yield Rule(name=kind.replace("_", "-"), words=words, figure=_extent(own, longest), verdict=verdict)
+        name = check.kind.replace("_", "-")
+        yield Rule(name=name, words=check.words, figure=_extent(own, longest), verdict=verdict)
 
 
 def _extent(own: Sequence[Exceedance], longest: float) -> str:
@@ -185,13 +173,13 @@ def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterat
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
         faults += [f"{count} {reason}" for reason, count in reasons.items() if reason != "missing"]
-        if sensor.calibration_due is not None and day is None:
-            faults.append("the day of the weld is not known (simulated time)")
-        elif (
-            sensor.calibration_due is not None and day is not None and day > date.fromisoformat(sensor.calibration_due)
-        ):
-            faults.append(f"welded on {day.isoformat()}")
-        due = f", calibrated until {sensor.calibration_due}" if sensor.calibration_due else ""
+        due = ""
+        if sensor.calibration_due is not None:
+            due = f", calibrated until {sensor.calibration_due}"
+            if day is None:
+                faults.append("the day of the weld is not known (simulated time)")
+            elif day > sensor.calibration_due:
+                faults.append(f"welded on {day}")
         yield _rule("sensor", f"{sensor.name} on record and usable{due}", "; ".join(faults) or "yes", bool(faults))
 
 

@@ -44,7 +44,7 @@ class SensorWatch:
         """Take a sample."""
         self._same = self._same + 1 if value == self._last else 0
         self._last = value
-        self._window.push(value)
+        self._window.append(value)
 
     @property
     def normal(self) -> float:
@@ -82,11 +82,11 @@ class DriveWatch:
 
     def push(self, given: float, acting: float) -> None:
         """Take the command for the step that ended, and where the drive is."""
-        last = self._given.values(1)[0] if len(self._given) else given
+        last = self._given[-1] if self._given else given
         at_bound = not self._low + 1e-6 < given < self._high - 1e-6
-        self._limited.push(float(at_bound or abs(given - last) >= self._step - 1e-6))
-        self._given.push(given)
-        self._acting.push(acting)
+        self._limited.append(float(at_bound or abs(given - last) >= self._step - 1e-6))
+        self._given.append(given)
+        self._acting.append(acting)
 
     def forget(self) -> None:
         """Another controller commands: how much it moves is not known yet."""
@@ -103,8 +103,7 @@ class DriveWatch:
         found = {f"stiction_{name}": float(np.mean(away & (np.abs(np.diff(acting)) < 0.05 * self._least)))}
         moves = np.abs(np.diff(given))
         if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
-            delay, _ = best_delay(given, acting, 15)
-            found[f"lag_{name}"] = TICK_S * delay
+            found[f"lag_{name}"] = TICK_S * best_delay(given, acting, 15)
         if self._limited.full:
             found[f"saturation_{name}"] = float(self._limited.values().mean())
         if calm_s > 60.0:
@@ -126,7 +125,7 @@ class LoopWatch:
         self.name = name
         self._delay = max(1, round(dead_time_s / (self.EVERY * TICK_S)) + 1)
         self._window, self._sum, self._n = Window(self.SIZE), 0.0, 0
-        self.period_s = self.amplitude = nan
+        self.period_s = nan
 
     def push(self, error: float) -> None:
         """Take the error; NaN without a set-point."""
@@ -134,7 +133,7 @@ class LoopWatch:
             return
         self._sum, self._n = self._sum + error, self._n + 1
         if self._n == self.EVERY:
-            self._window.push(self._sum / self._n)
+            self._window.append(self._sum / self._n)
             self._sum, self._n = 0.0, 0
 
     def figures(self, calm_s: float, noise: float) -> dict[str, float]:
@@ -144,7 +143,7 @@ class LoopWatch:
             return {}
         errors = self._window.values()
         swing = oscillation(errors, step_s)
-        self.period_s, self.amplitude = swing.period_s, swing.amplitude
+        self.period_s = swing.period_s
         found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * noise else 0.0}
         # a loop whose error is the sensor's noise cannot be better
         at_best = float(errors.var()) < 4.0 * noise**2 / self.EVERY
@@ -171,7 +170,7 @@ class InnovationWatch:
         if (residual - self._last) ** 2 > 2.0 * JUMP**2 * self._normal:
             self._mean += residual - self._last
         self._last = residual
-        self._window.push(residual - self._mean)
+        self._window.append(residual - self._mean)
         self._mean += self._FOLLOW * (residual - self._mean)
 
     def figures(self, time_s: float) -> dict[str, float]:
@@ -215,21 +214,21 @@ class ModelWatch:
 
     def push(self, now: Residuals) -> None:
         """Take the residuals of a tick."""
-        self._ticks["torque"].push(now.torque_nm)
+        self._ticks["torque"].append(now.torque_nm)
         if self._before is not None:
             # with the gain that the weld has, so that a set-point's step is no drift
             self._adrift += now.sunk_mm - self._before[0] - self._depth_gain * (now.pressed_mm - self._before[1])
         self._before = now.sunk_mm, now.pressed_mm
-        self._ticks["depth"].push(self._adrift)
-        self._ticks["heat"].push(now.heat_c)
-        self._ticks["ratio"].push(1.0 + now.torque_nm / now.model_torque_nm)
+        self._ticks["depth"].append(self._adrift)
+        self._ticks["heat"].append(now.heat_c)
+        self._ticks["ratio"].append(1.0 + now.torque_nm / now.model_torque_nm)
         self.heat.step(now.heated_c, now.rise_c)
         self.depth.step(now.pressed_mm, now.sunk_mm)
 
     def second(self, time_s: float) -> None:
         """A second is over: its medians count."""
         for name, window in self._ticks.items():
-            self._seconds[name].push(float(np.median(window.values())))
+            self._seconds[name].append(float(np.median(window.values())))
         depth = self._seconds["depth"].values(_SLOPE_S)
         now = {
             "torque": float(np.median(self._seconds["torque"].values(_LEVEL_S))),

@@ -218,17 +218,17 @@ def test_a_crash_while_attesting_is_mended_by_the_same_call(
 ) -> None:
     """It dies before the step of this number."""
     shop.weld(9)
-    write, count = attestation._replace, 0
+    write, count = attestation.write_whole, 0
 
-    def dying(path: Path, text: str) -> None:
+    def dying(path: Path, text: str, **options: bool) -> None:
         nonlocal count
         count += 1
         if count == steps:
             raise KeyboardInterrupt
-        write(path, text)
+        write(path, text, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(attestation, "_replace", dying)
+        patch.setattr(attestation, "write_whole", dying)
         with pytest.raises(KeyboardInterrupt):
             shop.attest(9)
     assert shop.chain_problems() == ()

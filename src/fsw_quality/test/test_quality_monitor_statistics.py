@@ -21,7 +21,7 @@ RANDOM = np.random.default_rng(1)
 def test_a_window_has_the_newest_samples_in_order() -> None:
     window = Window(3)
     for value in range(5):
-        window.push(value)
+        window.append(value)
         assert window.values().tolist() == list(range(max(0, value - 2), value + 1))
     assert window.full and window.values(2).tolist() == [3.0, 4.0]
 
@@ -70,4 +70,4 @@ def test_the_harris_index_is_one_at_the_least_variance_and_falls_with_a_slow_loo
 
 def test_a_delay_is_found() -> None:
     given = np.cumsum(RANDOM.standard_normal(300))
-    assert best_delay(given[10:], given[4:-6], 15) == (6, 0.0)
+    assert best_delay(given[10:], given[4:-6], 15) == 6

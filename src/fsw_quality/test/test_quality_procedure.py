@@ -1,5 +1,6 @@
 """The welding procedure: what is refused, and where the shipped one has its figures from."""
 
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
         ("phases.2.to_deg", 5.0, "phases do not ascend in to_deg"),
         ("phases.1.name", "dwell", "phases names dwell twice"),
         ("controllers.0.parameters_sha256", "abc", "is not a SHA-256"),
-        ("sensors.0.calibration_due", "tomorrow", "not a date; write it in quotes"),
+        ("sensors.0.calibration_due", "tomorrow", "calibration_due is 'tomorrow': must be a valid date"),
         ("quality.0.min", 0.05, "quality[0] is impossible: a weld at its set-points, error 0, is outside"),
         ("sensors.0.name", "smell", "is 'smell', not a sensor; known: depth"),
         ("revison", "B", "revison is an unknown key; did you mean revision?"),
@@ -61,6 +62,12 @@ def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
     assert procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == one.sha256
     values["essential"][0]["max"] += 1e-9
     assert procedure.load(written(tmp_path, values)).sha256 != one.sha256
+
+
+def test_dates_may_be_written_without_quotes(tmp_path: Path) -> None:
+    values = content()
+    values["date"] = date.fromisoformat(values["date"])
+    assert procedure.load(written(tmp_path, values)).identity == procedure.load("copper_lid").identity
 
 
 def test_differences_name_what_changed() -> None:

@@ -16,7 +16,7 @@ from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
 from fsw_recorder.clock_source import UNKNOWN, ClockState
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, hashed_text, manifest_of, sha256
+from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, sha256
 from fsw_recorder.topic import RecordedTopic
 
 __all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
@@ -311,13 +311,18 @@ class _Files:
     def _write_metadata(self) -> None:
         text = self._metadata()
         self._replace(METADATA_NAME, text)
-        self._write_manifest(hashed_text(METADATA_NAME, text))
+        self._write_manifest(hashed(METADATA_NAME, text.encode(), "while_recording"))
 
     def _write_manifest(self, *more: FileManifest) -> None:
         """Write the hashes of the files that are closed."""
         if self._options.manifest:
-            files = [*self._manifests, *more]
-            found = manifest_of(self._folder.name, files, self._custom_data, self._attachments, self.clock)
+            found = Manifest(
+                bag=self._folder.name,
+                custom_data=self._custom_data,
+                attachments_sha256=self._attachments,
+                clock=self.clock,
+                files=(*self._manifests, *more),
+            )
             self._replace(MANIFEST_NAME, found.text())
 
     def _replace(self, name: str, text: str) -> None:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import mmap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from fsw_recorder.clock_source import UNKNOWN, ClockState
+from fsw_recorder.clock_source import ClockState
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, Buffer, frames
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
@@ -24,6 +24,8 @@ MANIFEST_NAME = "manifest.json"
 #: stretches of a file in which no chunks are found
 PIECE_BYTES = 1024 * 1024
 PieceKind = Literal["chunk", "attachment", "other"]
+When = Literal["while_recording", "afterwards"]
+_KINDS: dict[int, PieceKind] = {Opcode.CHUNK: "chunk", Opcode.ATTACHMENT: "attachment"}
 
 
 class Piece(Model):
@@ -46,7 +48,7 @@ class FileManifest(Model):
     name: str
     bytes: int
     sha256: str
-    hashed: Literal["while_recording", "afterwards"]
+    hashed: When
     """afterwards: what had happened to the file before is not known"""
     pieces: Many[Piece]
 
@@ -71,17 +73,7 @@ class Manifest(Model):
         return self.model_dump_json(indent=1, exclude_none=True) + "\n"
 
 
-class Span(NamedTuple):
-    """Place of a piece."""
-
-    kind: PieceKind
-    begin: int
-    end: int
-    begin_ns: int | None = None
-    end_ns: int | None = None
-
-
-def spans(data: Buffer, at: int = 0) -> Iterator[Span]:
+def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]:
     """Pieces of an MCAP file, or of whole records of one; damaged places are ``other``.
 
     Parameters
@@ -89,29 +81,35 @@ def spans(data: Buffer, at: int = 0) -> Iterator[Span]:
     data : bytes or mmap.mmap
     at : int, optional
         Where the first record begins.
+    offset : int, optional
+        Where ``data`` begins in its file.
     """
     size = len(data)
-    kind, begin, times, end = "other", 0, (), at
+    kind: PieceKind = "other"
+    times: tuple[int | None, int | None] = (None, None)
+    begin, end = 0, at
+
+    def piece(stop: int) -> Piece:
+        found = sha256(data[begin:stop])
+        return Piece(kind=kind, end=stop + offset, sha256=found, begin_ns=times[0], end_ns=times[1])
+
     for opcode, body, stop in frames(data, at, size):
-        new: PieceKind = "other"
-        if opcode == Opcode.CHUNK:
-            new = "chunk"
-        elif opcode == Opcode.ATTACHMENT:
-            new = "attachment"
-        elif opcode == Opcode.MESSAGE_INDEX and kind == "chunk":
+        if opcode == Opcode.MESSAGE_INDEX and kind == "chunk":
             end = min(stop, size)
             continue
+        new = _KINDS.get(opcode, "other")
         if end > begin and (new != "other" or kind != "other" or end - begin >= PIECE_BYTES):
-            yield Span(kind, begin, end, *times)  # type: ignore[arg-type]
-            begin, times = end, ()
+            yield piece(end)
+            begin, times = end, (None, None)
         kind, end = new, min(stop, size)
         if new == "chunk" and body + CHUNK_HEAD.size <= size:
             times = CHUNK_HEAD.unpack_from(data, body)[:2]
     if kind != "other" and end > begin:
-        yield Span(kind, begin, end, *times)  # type: ignore[arg-type]
+        yield piece(end)
         begin = end
     if size > begin:
-        yield Span("other", begin, size)
+        kind, times = "other", (None, None)
+        yield piece(size)
 
 
 class FileHasher:
@@ -125,7 +123,7 @@ class FileHasher:
     def add(self, data: bytes) -> None:
         """Note what was written."""
         self._whole.update(data)
-        self.pieces += _pieces(data, spans(data, 0 if self.size else len(MAGIC)), self.size)
+        self.pieces += record_pieces(data, 0 if self.size else len(MAGIC), self.size)
         self.size += len(data)
 
     def manifest(self, name: str) -> FileManifest:
@@ -139,24 +137,19 @@ class FileHasher:
         )
 
 
-def _pieces(data: Buffer, found: Iterator[Span], offset: int = 0) -> list[Piece]:
-    return [
-        Piece(kind=kind, end=end + offset, sha256=sha256(data[begin:end]), begin_ns=begin_ns, end_ns=end_ns)
-        for kind, begin, end, begin_ns, end_ns in found
-    ]
-
-
-def sha256(data: bytes) -> str:
+def sha256(data: Buffer) -> str:
     """Hash of bytes, in hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
-def file_spans(data: Buffer) -> Iterator[Span]:
+def file_pieces(data: Buffer) -> Iterator[Piece]:
     """Pieces of any file as it is now."""
     if data[: len(MAGIC)] == MAGIC:
-        return spans(data, len(MAGIC))
-    size = len(data)
-    return (Span("other", at, min(at + PIECE_BYTES, size)) for at in range(0, size, PIECE_BYTES))
+        yield from record_pieces(data, len(MAGIC))
+        return
+    for at in range(0, len(data), PIECE_BYTES):
+        piece = data[at : at + PIECE_BYTES]
+        yield Piece(kind="other", end=at + len(piece), sha256=sha256(piece))
 
 
 def mapped(path: Path) -> Buffer:
@@ -167,36 +160,9 @@ def mapped(path: Path) -> Buffer:
         return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def hashed_afterwards(path: Path) -> FileManifest:
-    """A file as it is now."""
-    data = mapped(path)
-    return FileManifest(
-        name=path.name,
-        bytes=len(data),
-        sha256=hashlib.sha256(data).hexdigest(),
-        hashed="afterwards",
-        pieces=tuple(_pieces(data, file_spans(data))),
-    )
-
-
-def hashed_text(name: str, text: str) -> FileManifest:
-    """A text file that is written as a whole."""
-    data = text.encode()
-    piece = Piece(kind="other", end=len(data), sha256=sha256(data))
-    return FileManifest(name=name, bytes=len(data), sha256=piece.sha256, hashed="while_recording", pieces=(piece,))
-
-
-def manifest_of(
-    bag: str,
-    files: Sequence[FileManifest],
-    custom_data: Mapping[str, str],
-    attachments: Mapping[str, str],
-    clock: ClockState = UNKNOWN,
-) -> Manifest:
-    """The manifest of a bag from those of its files."""
-    return Manifest(
-        bag=bag, custom_data=dict(custom_data), attachments_sha256=dict(attachments), clock=clock, files=tuple(files)
-    )
+def hashed(name: str, data: Buffer, when: When) -> FileManifest:
+    """A file as a whole."""
+    return FileManifest(name=name, bytes=len(data), sha256=sha256(data), hashed=when, pieces=tuple(file_pieces(data)))
 
 
 def read_manifest(folder: Path) -> Manifest | None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES
-from fsw_recorder.manifest import FileManifest, Manifest, Piece, file_spans, hashed_afterwards, mapped, sha256
+from fsw_recorder.manifest import FileManifest, Manifest, Piece, file_pieces, hashed, mapped, sha256
 from fsw_recorder.mcap_frames import Buffer
 
 
@@ -51,7 +50,7 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
 
 def complete(folder: Path, manifest: Manifest) -> tuple[Manifest, list[str]]:
     """The manifest with the files that it lacks, hashed as they are now, and what there is to say about them."""
-    more = [hashed_afterwards(path) for path in unlisted(folder, manifest)]
+    more = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, manifest)]
     notes = [f"{one.name}: hashed afterwards; what had happened to it before is not known" for one in more]
     return manifest.changed(files=(*manifest.files, *more)) if more else manifest, notes
 
@@ -62,7 +61,7 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
         data = mapped(path)
     except FileNotFoundError:
         return [Finding(listed.name, "is missing", tuple(range(len(listed.pieces))))]
-    if len(data) == listed.bytes and hashlib.sha256(data).hexdigest() == listed.sha256:
+    if len(data) == listed.bytes and sha256(data) == listed.sha256:
         return []
     proven = proven_pieces(data, listed)
     lost = [row for row in range(len(listed.pieces)) if row not in proven]
@@ -92,7 +91,8 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
             found[row] = (begin, piece.end)
         begin = piece.end
     if len(found) < len(listed.pieces):  # what is behind something that was removed or put in is somewhere else
-        moved = {sha256(data[span.begin : span.end]): (span.begin, span.end) for span in file_spans(data)}
+        ends = {0: ""} | {piece.end: piece.sha256 for piece in file_pieces(data)}
+        moved = {ends[end]: (begin, end) for begin, end in pairwise(ends)}
         for row, piece in enumerate(listed.pieces):
             if row not in found and piece.sha256 in moved:
                 found[row] = moved[piece.sha256]

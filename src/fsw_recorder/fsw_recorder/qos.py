@@ -65,13 +65,10 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
     """
     requests = list(present)
     for offer in sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))):
-        if not any(_matches(request, offer) for request in requests):
-            requests.append(profile(is_reliable(offer), is_latched(offer), max(depth, offer.depth)))
+        reliable, latched = is_reliable(offer), is_latched(offer)
+        if not any(is_reliable(one) <= reliable and is_latched(one) <= latched for one in requests):
+            requests.append(profile(reliable, latched, max(depth, offer.depth)))
     return requests[len(present) :]
-
-
-def _matches(request: Qos, offer: Qos) -> bool:
-    return is_reliable(request) <= is_reliable(offer) and is_latched(request) <= is_latched(offer)
 
 
 def replayed_qos(offers: Sequence[Qos]) -> Qos:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed_afterwards, read_manifest
+from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, mapped, read_manifest
 from fsw_recorder.manifest_check import check_file, check_files, complete
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
@@ -82,7 +82,7 @@ def test_the_recorder_lists_every_byte(recorded: Path, manifest: Manifest) -> No
 
 def test_afterwards_the_chunks_are_the_same(recorded: Path, manifest: Manifest) -> None:
     for name in FILES:
-        listed, now = file_of(manifest, name), hashed_afterwards(recorded / name)
+        listed, now = file_of(manifest, name), hashed(name, mapped(recorded / name), "afterwards")
         assert now.sha256 == listed.sha256 and now.hashed == "afterwards"
         assert [one for one in now.pieces if one.kind != "other"] == [
             one for one in listed.pieces if one.kind != "other"

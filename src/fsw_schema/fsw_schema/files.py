@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import secrets
 from collections.abc import Iterator
@@ -49,3 +50,36 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
         scratch.replace(path)
     finally:
         scratch.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes, mode: int = 0o666, durable: bool = False) -> None:
+    """Write a file as :func:`replacing` does, text in UTF-8; ``durable``: it is on the disk before it takes its place.
+
+    Raises
+    ------
+    OSError
+        As of :func:`replacing`.
+    """
+    with replacing(path, mode) as scratch, scratch.open("wb") as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+        if durable:
+            file.flush()
+            os.fsync(file.fileno())
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """One process at a time works in a folder, which is made if need be; others wait.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be made or opened.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

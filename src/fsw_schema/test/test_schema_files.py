@@ -1,11 +1,13 @@
 """Where files are kept, and how they appear whole."""
 
+import fcntl
+import os
 import stat
 from pathlib import Path
 
 import pytest
 
-from fsw_schema.files import replacing, user_cache
+from fsw_schema.files import locked, replacing, user_cache, write_whole
 
 
 @pytest.mark.parametrize(
@@ -47,3 +49,21 @@ def test_error_names_the_file_that_was_meant(tmp_path):
     with pytest.raises(FileNotFoundError) as raised, replacing(tmp_path / "none" / "weld.csv"):
         pass
     assert raised.value.filename == str(tmp_path / "none" / "weld.csv")
+
+
+@pytest.mark.parametrize("content", ["30 °C\n", b"30 \xc2\xb0C\n"])
+def test_a_whole_file_has_its_content_and_mode(tmp_path, content):
+    write_whole(tmp_path / "secret", content, 0o600, durable=True)
+    assert (tmp_path / "secret").read_bytes() == b"30 \xc2\xb0C\n"
+    assert stat.S_IMODE((tmp_path / "secret").stat().st_mode) == 0o600
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_only_one_at_a_time_works_in_a_folder(tmp_path):
+    folder = tmp_path / "new" / "chain"
+    with locked(folder):
+        other = os.open(folder, os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(other)
