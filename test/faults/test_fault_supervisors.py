@@ -81,6 +81,7 @@ def test_the_standby_falls_silent(launch, table, number):
     weld = launch(lockstep=True, standby=True)
     first = weld.restore()
     standby = next(name for name in weld.supervisors if name != weld.leader)
+    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
     weld.signal(standby, number)
     weld.ticks(8)
     if number == signal.SIGSTOP:
@@ -90,7 +91,6 @@ def test_the_standby_falls_silent(launch, table, number):
     outcome.assert_steady()
     outcome.assert_sources("decentral")
     assert weld.role(standby) == "standby"
-    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
     table.add("standby killed, or stopped and continued", "–", "none needed", outcome)
 
 
