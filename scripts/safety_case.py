@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -30,7 +31,7 @@ def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, 
         text = path.read_text(encoding="utf-8")
         if not full and re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE):
             continue
-        for node in ast.walk(ast.parse(text, str(path))):
+        for node in ast.walk(_tree(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 if not full and "pytest.mark.full" in map(ast.unparse, node.decorator_list):
                     continue
@@ -39,6 +40,11 @@ def marked(paths: Iterable[Path] | None = None, full: bool = True) -> dict[str, 
                         for one in mark.args:
                             found.setdefault(str(ast.literal_eval(one)), []).append((path, node.name))
     return found
+
+
+@cache
+def _tree(text: str) -> ast.Module:
+    return ast.parse(text)
 
 
 def test_files() -> list[Path]:

@@ -1,6 +1,5 @@
 """Campaigns on Dask: the same results whatever the number of workers, and whoever is killed."""
 
-import json
 import os
 import signal
 import subprocess
@@ -13,11 +12,6 @@ import yaml
 from distributed import Client
 from distributed.client import FutureCancelledError
 
-from fsw.main import main
-from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.kpi import compute
-from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.signals import load_weld
 from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
 from fsw_campaign.errors import CampaignError
@@ -201,20 +195,3 @@ def test_no_scheduler_is_one_line(monkeypatch, address):
     monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
     with pytest.raises(CampaignError, match="no scheduler answers"):
         engine.connect(address, None).__enter__()
-
-
-def test_simulate_records_a_bag_of_the_same_weld(tmp_path):
-    out = tmp_path / "out"
-    options = [
-        "--set",
-        "events[0].reference.depth_mm=2.7",
-        *("--set", "events[1].at_s=9.0", "--set", "events[2].at_s=14.0", "--set", "duration_s=20.0"),
-        "--no-figures",
-        "--bag",
-    ]
-    assert main(["simulate", "quick", "--controller", "decentral:tight", *options, "--out", str(out)]) == 0
-    (offline,) = json.loads((out / "kpi.json").read_text())
-    bag = compute(cut_to_scenario(load_weld(out / "graph_decentral_tight" / "bag")))
-    for key in ROWS:
-        expected = offline[key]
-        assert bag[key] == (expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)), key

@@ -9,6 +9,7 @@ import re
 import shlex
 import sys
 from contextlib import redirect_stderr
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -28,10 +29,10 @@ PAGES = [
     *sorted((WORKSPACE / "studies").glob("*/README.md")),
 ]
 PARSERS = {
-    "fsw.py": operator_parser,
-    "demo.py": demo_parser,
-    "run_hmi.py": hmi_parser,
-    "run_machine_server.py": machine_server_parser,
+    "fsw.py": cache(operator_parser),
+    "demo.py": cache(demo_parser),
+    "run_hmi.py": cache(hmi_parser),
+    "run_machine_server.py": cache(machine_server_parser),
 }
 PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
@@ -51,6 +52,7 @@ def commands() -> list[tuple[str, str]]:
     return sorted(set(found))
 
 
+@cache
 def parameters() -> set[str]:
     """Names of the parameters of all nodes."""
     names = {"use_sim_time"}
@@ -138,7 +140,7 @@ def load(name: str) -> ModuleType:
     return module
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def safety_case() -> ModuleType:
     return load("safety_case")
 

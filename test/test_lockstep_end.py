@@ -57,6 +57,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     assert signals.n_ticks > 20
 
 
+@pytest.mark.full
 def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(load("reference_tracking"), tmp_path / "weld")

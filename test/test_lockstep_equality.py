@@ -15,7 +15,7 @@ from fsw_test_support.waiting import PATIENCE_S
 
 CLOSED = """
 name: everything
-duration_s: 22.0
+duration_s: 28.0
 controller: nmpc
 announced: true
 plant:
@@ -28,12 +28,18 @@ events:
   - {at_s: 5.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
   - {at_s: 6.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 1.5}}
   - {at_s: 7.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 5.0}}
+  - {at_s: 7.2, switch: decentral}
   - {at_s: 7.5, reference: {sine: {depth_mm: 0.02, temperature_c: 1.0, period_s: 4.0}}}
+  - {at_s: 9.0, switch: nmpc}
   - {at_s: 10.0, fault: {sensor: torque, kind: nan, duration_s: 0.2}}
   - {at_s: 11.0, fault: {sensor: thermocouple, kind: bias, magnitude_c: 1.5, duration_s: 1.5}}
   - {at_s: 13.0, fault: {sensor: depth, kind: spike, magnitude_mm: 2.0}}
   - {at_s: 15.0, reference: {depth_mm: 2.66}}
   - {at_s: 15.0, disturbance: {channel: spindle_speed, shape: pulse, amplitude_rpm: 5.0, duration_s: 1.0}}
+  - {at_s: 15.5, fault: {sensor: thermocouple, kind: nan, duration_s: 3.0}}
+  - {at_s: 19.0, switch: nmpc}
+  - {at_s: 23.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
+  - {at_s: 23.5, fault: {sensor: depth, kind: nan, duration_s: 3.0}}
 """
 OPEN = """
 name: steps
@@ -44,20 +50,6 @@ events:
   - {at_s: 2.0, command: {force_kn: 80.4}}
   - {at_s: 5.0, command: {speed_rpm: 420.0}}
   - {at_s: 10.0, command: {force_kn: 78.4, speed_rpm: 407.6}}
-"""
-FALLBACK = """
-name: fallback
-duration_s: 19.0
-controller: nmpc
-plant: {seed: 5}
-events:
-  - {at_s: 1.0, reference: {depth_mm: 2.72}}
-  - {at_s: 2.0, switch: decentral}
-  - {at_s: 3.0, switch: nmpc}
-  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 3.0}}
-  - {at_s: 9.0, switch: nmpc}
-  - {at_s: 12.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
-  - {at_s: 14.0, fault: {sensor: depth, kind: nan, duration_s: 3.0}}
 """
 ALONE = """
 name: alone
@@ -120,7 +112,6 @@ TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm
     [
         pytest.param(CLOSED, id="closed"),
         pytest.param(OPEN, id="open", marks=pytest.mark.full),
-        pytest.param(FALLBACK, id="fallback"),
         pytest.param(ALONE, id="alone", marks=pytest.mark.full),
         pytest.param(WELD, id="weld", marks=pytest.mark.full),
         pytest.param(HEAT, id="heat", marks=pytest.mark.full),
@@ -163,7 +154,9 @@ def test_the_courses_of_force_and_speed_are_not_trivial(tmp_path):
     """What the test above compares does move: else it could not fail."""
     path = tmp_path / "scenario.yaml"
     path.write_text(CLOSED)
-    signals = ClosedLoop(load(path), {"nmpc": make("nmpc")}).run()
+    scenario = load(path)
+    signals = ClosedLoop(scenario, {name: make(name) for name in scenario.controllers}).run()
+    assert {"nmpc", "decentral", "hold"} <= set(signals.command_source)
     assert np.ptp(signals.force_kn) > 1.0
     assert np.ptp(signals.speed_rpm) > 10.0
     assert np.isnan(signals.torque_nm).sum() == 2

@@ -162,8 +162,9 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
     assert_stays(weld, capsys, 2.72)
 
 
-@pytest.mark.requirement("S21")
-def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
+@pytest.mark.requirement("S21", "S25")
+def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
+    """The set-point those that replace each other, the safe stop even the last of them."""
     weld = make_weld(standby=True)
     weld.until(lambda: weld.role("standby") == "standby", "the standby")
     set_depth(weld, capsys, 2.72)
@@ -178,11 +179,6 @@ def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_we
     weld.restart("nmpc", 2.72)
     assert_stays(weld, capsys, 2.72)
 
-
-@pytest.mark.requirement("S25")
-def test_a_safe_stop_outlives_all_supervisors(make_weld, capsys):
-    weld = make_weld(standby=True)
-    weld.until(lambda: weld.role("standby") == "standby", "the standby")
     obeyed(weld, capsys, lambda: weld.source == "safe_stop", "mode", "safe_stop")
     told = ["safe_stop"] * 5  # until then, those who remember it for the next supervisors may not have heard of it
     weld.until(lambda: [message.source for message in weld.commands[-5:]] == told, "a safe stop in force")

@@ -15,7 +15,7 @@ FALLBACK = "fallback in the same tick, inhibited"
 
 
 @pytest.mark.requirement("S5")
-@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=pytest.mark.real_time)])
+@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=IN_REAL_TIME)])
 def test_a_nominal_weld_loses_nothing(launch, table, lockstep):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     first = weld.restore()

@@ -107,11 +107,10 @@ def test_a_third_of_the_measurements_is_lost(launch, table):
     table.add("30 % of the samples of every sensor lost", "validity", "held 0.3 s, then fallback or hold", outcome)
 
 
-@pytest.mark.real_time
 @pytest.mark.requirement("S15")
 @pytest.mark.parametrize("hours", [1, -1])
-def test_the_clock_of_the_measurements_jumps(behind_relay, table, hours):
-    weld = behind_relay
+def test_the_clock_of_the_measurements_jumps(launch, table, hours):
+    weld = launch(lockstep=True, relayed=True)
     first = weld.restore()
     weld.relay.shift_ns += hours * 3600 * 10**9
     weld.ticks(30)

@@ -81,6 +81,7 @@ def test_the_standby_falls_silent(launch, table, number):
     weld = launch(lockstep=True, standby=True)
     first = weld.restore()
     standby = next(name for name in weld.supervisors if name != weld.leader)
+    weld.until(lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing")
     weld.signal(standby, number)
     weld.ticks(8)
     if number == signal.SIGSTOP:
@@ -95,8 +96,8 @@ def test_the_standby_falls_silent(launch, table, number):
 
 @pytest.mark.requirement("S24")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_recorder_falls_silent(steps, table, number):
-    weld = steps
+def test_the_recorder_falls_silent(launch, table, number):
+    weld = launch(lockstep=True, standby=True)
     weld.restore()
     weld.record()
     first = weld.switch("decentral")

@@ -45,23 +45,8 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
     wait_until(lambda: not processes(tmp_path), "the end of all processes")
 
 
-def test_token_is_kept_from_others_and_an_interrupt_ends_everything(demo, tmp_path):
-    child, url, token = demo(LONG)
-    with Page(url) as page:
-        page.until("tick")
-        file = tmp_path / "weld" / "token"
-        assert file.stat().st_mode & 0o077 == 0
-        assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))
-        child.process.send_signal(signal.SIGINT)
-        wait_until(lambda: not child.running, "the end of the demonstration")
-    assert child.process.returncode == 130
-    assert processes(tmp_path) == []
-    with BagReader(tmp_path / "weld" / "bag") as bag:
-        assert bag.info().problems == []
-
-
 @pytest.mark.requirement("S34")
-def test_what_is_killed_is_started_again_and_the_weld_goes_on(demo, tmp_path):
+def test_what_is_killed_is_started_again_and_an_interrupt_ends_everything(demo, tmp_path):
     child, url, token = demo(LONG)
     parts = {"recorder": "fsw_recorder", "decentral": "fsw_decentral", "nmpc": "fsw_nmpc.", "hmi": "fsw_hmi"}
     with Page(url) as page:
@@ -77,8 +62,12 @@ def test_what_is_killed_is_started_again_and_the_weld_goes_on(demo, tmp_path):
         page.command(token)
         page.seen("state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True])
     wait_until((tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again")
+    assert (tmp_path / "weld" / "token").stat().st_mode & 0o077 == 0
+    assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))
     child.process.send_signal(signal.SIGINT)
     wait_until(lambda: not child.running, "the end of the demonstration")
+    assert child.process.returncode == 130
+    assert processes(tmp_path) == []
     with BagReader(tmp_path / "weld" / "bag_1") as bag:
         assert bag.info().problems == []
 

@@ -166,6 +166,7 @@ def programme(tmp_path):
         yield url, token
 
 
+@pytest.mark.full  # with a page that others play to: test_hmi_page.py; without the page: test_hmi_weld.py
 def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(programme, open_page):
     url, token = programme
     page = open_page(url)

@@ -16,6 +16,8 @@ from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth, SupervisorState
 from fsw_scenario.launcher import ABORTED
 
+# Beside the page: test/hmi/test_hmi_weld.py.
+pytestmark = pytest.mark.full
 SCENARIO = Path(fsw_scenario.__file__).parent / "scenarios" / "canister_weld.yaml"
 WELD = WeldUnderTest(SCENARIO.read_text(encoding="utf-8"), ("decentral",))
 

@@ -8,7 +8,7 @@ from array import array
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
@@ -127,7 +127,6 @@ def test_default_message_of_every_type(package: str) -> None:
 
 
 @given(any_message)
-@settings(max_examples=300, deadline=None)
 def test_round_trip(message: Any) -> None:
     support = type_support(type(message))
     data = support.serialize(message)
@@ -139,7 +138,6 @@ def test_round_trip(message: Any) -> None:
 
 
 @given(st.sampled_from(sorted(STORE.fielddefs)).flatmap(messages))
-@settings(max_examples=200, deadline=None)
 def test_rosbags_reads_and_writes_the_same_bytes(message: Any) -> None:
     support = type_support(type(message))
     data = support.serialize(message)
@@ -151,7 +149,6 @@ def test_rosbags_reads_and_writes_the_same_bytes(message: Any) -> None:
 
 
 @given(st.sampled_from(TYPES), st.binary(max_size=200))
-@settings(max_examples=500, deadline=None)
 def test_random_bytes(type_name: str, data: bytes) -> None:
     support = type_support(get_message(type_name))
     decode_or_refuse(support, data)
@@ -159,7 +156,6 @@ def test_random_bytes(type_name: str, data: bytes) -> None:
 
 
 @given(any_message, st.data())
-@settings(max_examples=300, deadline=None)
 def test_damaged_bytes(message: Any, data: st.DataObject) -> None:
     support = type_support(type(message))
     encoded = support.serialize(message)

@@ -3,7 +3,7 @@
 from math import isfinite
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fsw_control import Command, Limits
@@ -136,7 +136,6 @@ def happen(plc, supervisor, happened):
 
 
 @pytest.mark.requirement("S32")
-@settings(max_examples=300, deadline=None)
 @example(happened=[("ticks", -1.0, ["late", "taken", "taken", "taken", "silent", "refused"])], late=1)
 @example(
     happened=[("ticks", -1.0, ["late"]), ("ticks", 0.0, ["taken"]), ("ticks", -1.0, [*["taken"] * 4, "refused"])],
@@ -147,7 +146,6 @@ def test_every_write_is_near_what_the_machine_has(machine, read_of, happened, la
     happen(Plc(machine, read_of, late), Supervisor(78.4), happened)
 
 
-@settings(max_examples=100, deadline=None)
 @example(happened=[("ticks", 0.0, ["late"] * 6)])
 @given(happened=st.lists(events, max_size=20))
 def test_every_command_is_written_or_its_refusal_told(machine, read_of, happened):
@@ -158,7 +156,6 @@ def test_every_command_is_written_or_its_refusal_told(machine, read_of, happened
 
 
 @pytest.mark.requirement("S33")
-@settings(max_examples=100, deadline=None)
 @given(
     st.lists(events, max_size=15),
     st.sampled_from([0, 1]),

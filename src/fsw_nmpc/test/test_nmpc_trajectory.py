@@ -150,7 +150,6 @@ def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, 
     return tuple(library.output.attainable)
 
 
-@settings(max_examples=300, deadline=None)
 @given(
     depth_mm=st.floats(2.0, 3.2),
     off_c=st.one_of(st.floats(-60.0, -0.1), st.floats(0.1, 60.0)),

@@ -18,6 +18,7 @@ from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState, WeldProgress
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.plant_node import PlantNode, main
 from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
@@ -338,33 +339,20 @@ def test_namespace(graph):
 
 
 def test_second_plant_is_refused(graph):
-    from fsw_plant.plant_node import PlantNode
-
     graph.start(speed=0.0, discovery_s=0.3)  # lockstep: silent but alive
-    ended = run_plant(graph, "discovery_s:=10.0")  # ends as soon as it hears the other's report or a repeated tick
-    assert ended.returncode == 2
-    assert f"/fsw/depth of domain {graph.domain}" in ended.stderr and ended.stderr.count("\n") == 1
-    assert issubclass(AnotherPlantError, RuntimeError) and PlantNode is type(graph.plant)
-
-
-def run_plant(graph, *parameters):
-    """Run a plant as a process until it ends, the graph spinning meanwhile."""
-    settings = [text for parameter in parameters for text in ("-p", parameter)]
+    command = [sys.executable, "-m", "fsw_plant.plant_node", "--ros-args"]
+    command += ["-p", "discovery_s:=10.0"]  # ends as soon as it hears the other's report or a repeated tick
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fsw_plant.plant_node", "--ros-args", *settings],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        if graph.plant is not None:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
+        try:
             graph.until(lambda: process.poll() is not None)
-        out, err = process.communicate(timeout=PATIENCE_S)
-    finally:
-        process.kill()
-    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+        finally:
+            process.kill()
+        _, error = process.communicate()
+    assert process.returncode == 2
+    assert f"/fsw/depth of domain {graph.domain}" in error and error.count("\n") == 1
+    assert issubclass(AnotherPlantError, RuntimeError) and PlantNode is type(graph.plant)
 
 
 @pytest.mark.parametrize(
@@ -377,7 +365,7 @@ def run_plant(graph, *parameters):
         ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10 s"),
     ],
 )
-def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):
-    ended = run_plant(graph, parameter)
-    assert ended.returncode == 2
-    assert words in ended.stderr and ended.stderr.count("\n") == 1, ended.stderr
+def test_wrong_parameters_end_the_start_with_one_line(domain_id, capfd, parameter, words):
+    assert main(["plant", "--ros-args", "-p", parameter]) == 2
+    told = "".join(capfd.readouterr())
+    assert words in told and told.count("\n") == 1, told

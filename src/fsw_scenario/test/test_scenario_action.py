@@ -45,7 +45,7 @@ class Caller(PlayerGraph):
         self.until(lambda: self.reports.get_subscription_count(), "the player to listen to diagnostics")
 
     def on_disturbance(self, request, response):
-        self.asked.append((self.weld._tick, request.channel, round(request.amplitude, 9)))
+        self.asked.append((self.weld.time.tick, request.channel, round(request.amplitude, 9)))
         response.ok = True
         return response
 
@@ -217,7 +217,7 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
     for _ in range(5):
         caller.tick()
     caller.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
-    caller.until(lambda: caller.tick() == Reference(2.65, 815.0) and not caller.weld._course.followed)
+    caller.until(lambda: caller.tick() == Reference(2.65, 815.0) and not caller.weld.set_points.course.followed)
     while caller.number < 29:
         assert caller.tick() == Reference(2.65, 815.0)
     caller.number += 1

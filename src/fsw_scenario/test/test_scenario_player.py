@@ -35,7 +35,7 @@ def test_one_depth_stamp_far_ahead_does_not_end_the_programme(graph):
     for _ in range(3):
         graph.tick()
     assert not graph.weld.finished
-    assert graph.weld._tick == graph.number
+    assert graph.weld.time.tick == graph.number
     assert graph.weld._programme.machine.held == 0
 
 
@@ -91,7 +91,7 @@ def test_resume_goes_back_to_the_programme_and_the_next_hold_steps_nothing(graph
     graph.until(lambda: graph.in_force == programme)
     assert graph.ask("hold").success
     graph.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
-    graph.until(lambda: graph.in_force.temperature_c == 815.0 and graph.weld._received.at(0) != programme)
+    graph.until(lambda: graph.in_force.temperature_c == 815.0 and graph.weld.set_points.received.at(0) != programme)
     graph.until(lambda: graph.tick().temperature_c == 815.0 and graph.progress[-1].way_back > 3.0)
     assert graph.progress[-1].left and graph.progress[-1].temperature == 818.4
     answer = graph.ask("resume")

@@ -75,7 +75,9 @@ class PlayerGraph(Spinner):
         self.sensors[2].publish(convert.temperature_message(816.4, stamp_ns))
         self.depth(self.number)
         weld = self.weld
-        self.until(lambda: weld._stamps.newest_ns == stamp_ns and weld._tick + weld._held >= self.number - self.before)
+        self.until(
+            lambda: weld._stamps.newest_ns == stamp_ns and weld.time.tick + weld.time.held >= self.number - self.before
+        )
         return self.in_force
 
     def ask(self, verb: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -209,13 +210,19 @@ def test_names(validate: Any, name: str, error: str, text: str, index: int) -> N
         assert str(raised.value) == expected.replace("Invalid topic name", "Invalid service name")
 
 
+def assert_said(*cases: tuple[Callable[[], object], type[Exception], str]) -> None:
+    """Each action raises its error with this very text."""
+    for act, error, text in cases:
+        with pytest.raises(error) as raised:
+            act()
+        assert str(raised.value) == text
+
+
 def test_declaring_parameters(node: Any) -> None:
-    read_only, dynamic = ParameterDescriptor(read_only=True), ParameterDescriptor(dynamic_typing=True)
-    node.declare_parameter("number", 1)
-    node.declare_parameter("fixed", 1, read_only)
-    node.declare_parameter("typed", Parameter.Type.DOUBLE)
+    dynamic = ParameterDescriptor(dynamic_typing=True)
     bounded = ParameterDescriptor(integer_range=[IntegerRange(from_value=0, to_value=10, step=2)])
-    for act, error, text in (
+    node.declare_parameter("number", 1)
+    assert_said(
         (lambda: node.declare_parameter("", 1), ParameterException, "Invalid parameter name: "),
         (
             lambda: node.declare_parameter("number", 1),
@@ -259,6 +266,14 @@ def test_declaring_parameters(node: Any) -> None:
             TypeError,
             "Invalid parameter tuple length at index 0 in parameters list: (); expecting length between 1 and 3",
         ),
+    )
+    assert not node.has_parameter("p")
+
+
+def test_asking_for_parameters_and_undeclaring_them(node: Any) -> None:
+    node.declare_parameter("fixed", 1, ParameterDescriptor(read_only=True))
+    node.declare_parameter("typed", Parameter.Type.DOUBLE)
+    assert_said(
         (lambda: node.get_parameter("p"), ParameterException, "Invalid access to undeclared parameter(s): p"),
         (
             lambda: node.get_parameter("typed"),
@@ -272,6 +287,11 @@ def test_declaring_parameters(node: Any) -> None:
         ),
         (lambda: node.list_parameters("a", 0), TypeError, "The prefixes argument must be a list"),
         (lambda: node.list_parameters([1], 0), TypeError, "All prefixes must be instances of type str"),
+    )
+
+
+def test_making_parameters() -> None:
+    assert_said(
         (
             lambda: Parameter("p", Parameter.Type.INTEGER, "x"),
             ValueError,
@@ -282,11 +302,7 @@ def test_declaring_parameters(node: Any) -> None:
             TypeError,
             "The given value is not a list of one of the allowed types '[1, 'x']'.",
         ),
-    ):
-        with pytest.raises(error) as raised:
-            act()
-        assert str(raised.value) == text
-    assert not node.has_parameter("p")
+    )
 
 
 def test_declaring_a_parameter_by_its_name(node: Any) -> None:

@@ -1,0 +1,138 @@
+"""The set-points of a scenario on their way to the controllers: marked, announced, and sent ahead of their ticks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
+from fsw_control.ramps import stair
+from fsw_control.references_ros import reference_queue, subscribe_sent
+from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_control.weld import TICK_NS
+from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_scenario.scenario import Scenario, start_reference
+from fsw_scenario.timeline import references
+from fsw_scenario.weld_programme_course import Course
+
+#: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
+#: what the topic keeps.
+_AHEAD = LATCHED.depth // 2
+#: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
+_AHEAD_REAL_NS = 5_000_000_000
+#: mark by which the player recognises its own set-points
+_MARK = "programme {}"
+
+
+@dataclass(slots=True)
+class ScenarioTime:
+    """Where in the scenario the newest measurement is."""
+
+    first_ns: int | None = None  #: stamp of its first tick
+    stamp_ns: int = 0  #: of the newest measurement
+    tick: int = 0  #: of the scenario; that of the process is larger by the ticks held
+    held: int = 0
+
+    def ns(self, tick: int) -> int:
+        """Stamp of a tick of the scenario."""
+        return (tick + self.held) * TICK_NS + (0 if self.first_ns is None else self.first_ns - TICK_NS)
+
+
+class SetPoints:
+    """Sends the set-points of a scenario; knows those that the controllers follow, whoever has sent them.
+
+    ``synchronous``: the player is part of the first tick in simulated time, so that all that is known goes out before.
+    """
+
+    def __init__(self, node: Node, scenario: Scenario, time: ScenarioTime, from_start: bool, synchronous: bool) -> None:
+        self._node, self._scenario, self._time, self._synchronous = node, scenario, time, synchronous
+        self.course = Course(references(scenario, start_reference(scenario.plant)))
+        #: what the controllers follow, by the same rule, including what this node sends
+        self.received = reference_queue(node)
+        # a scenario given at start sends none, so that its bag stays what it was
+        self._mark = _MARK.format(0) if scenario.phases or not from_start else ""
+        self._mark_received, self._restarts = False, 0
+        self.publisher = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self._plan = node.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
+        self._subscription: Subscription | None = None
+
+    def destroy(self) -> None:
+        """Leave the graph."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._node.destroy_publisher(self.publisher)
+        self._node.destroy_publisher(self._plan)
+
+    def begin(self) -> None:
+        """Send the first set-points, and listen to those that are sent from now on."""
+        _, first = self.course.coming.popleft()
+        if self._synchronous:
+            self.announce()
+        self._send(first, 0)
+        if self._synchronous:
+            self.send_ahead()
+        self._subscription = subscribe_sent(self._node, self.received, self._on_received)
+
+    def _on_received(self, mark: str) -> None:
+        """Note that this node's newest set-points have arrived; those with another mark are then someone else's."""
+        self._mark_received = self._mark_received or mark == self._mark
+
+    def in_force(self) -> Reference:
+        """The set-points that the controllers follow now."""
+        return self.received.at(self._time.stamp_ns) or self.planned()
+
+    def planned(self) -> Reference:
+        """The scenario's set-points at its present tick."""
+        return self.course.programme_at(self._time.tick)
+
+    def are_by_hand(self) -> bool:
+        """Whether set-points that are not this node's are in force while it still sends its own."""
+        self.received.at(self._time.stamp_ns)
+        return self.course.followed and self._mark_received and self.received.mark != self._mark
+
+    def leave(self) -> None:
+        """Send nothing more; those in force stay."""
+        present = self.in_force()
+        self.course.leave()
+        self._send(present, 0)  # voids those sent ahead
+
+    def resume(self, present: Reference) -> None:
+        """Go on with the course from the present set-points and the present tick; nothing if it has been left."""
+        if self.course.followed:
+            self.course.resume(present, self._time.tick)
+            self.restart(present)
+
+    def restart(self, present: Reference) -> None:
+        """Send set-points that take effect at once and void those sent ahead, and then the future ones."""
+        self._restarts += 1
+        self._mark, self._mark_received = _MARK.format(self._restarts), False
+        self.announce()
+        self._send(present, 0)
+        self.send_ahead()
+
+    def _send(self, one: Reference, stamp_ns: int) -> None:
+        self.publisher.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
+
+    def announce(self) -> None:
+        """Publish the plan of all set-points, where the scenario has one."""
+        if self._scenario.announced:
+            planned = [(self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)]
+            self._plan.publish(convert.reference_plan_message(planned, self._time.ns(0)))
+
+    def send_ahead(self) -> None:
+        """Send those that are due soon."""
+        coming = self.course.coming
+        for _ in range(_AHEAD):
+            if not coming or coming[0][0] > self._horizon():
+                return
+            tick, reference = coming.popleft()
+            self._send(reference, self._time.ns(tick))
+
+    def _horizon(self) -> int:
+        if not self._synchronous:
+            return self._time.tick + _AHEAD_REAL_NS // TICK_NS
+        # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
+        return self._time.tick + _AHEAD if len(self.course.coming) > _AHEAD else self._scenario.n_ticks
