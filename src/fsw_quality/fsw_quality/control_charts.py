@@ -28,7 +28,7 @@ class Chart:
     values: FloatArray
     centre: float
     sigma: float
-    ewma: FloatArray
+    ewma: FloatArray  #: NaN for the first welds, as ``high`` and ``low``
     high: FloatArray  #: CUSUM upwards, in standard deviations
     low: FloatArray
     #: welds at which each chart signals: ``shewhart``, ``ewma``, ``cusum``
@@ -38,29 +38,36 @@ class Chart:
 def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
     """Charts of a quantity, whose normal mean and spread are those of the first welds.
 
-    None with fewer than five known values, or without any spread. ``least_sigma`` is the smallest spread that counts.
+    EWMA and CUSUM begin after those. Among them a weld signals only if it is off their own trend: a tool wears from the
+    first weld on. None with fewer than five known values, or without any spread. ``least_sigma`` is the smallest spread
+    that counts.
     """
     known = np.flatnonzero(np.isfinite(values))
     if known.size < 5:
         return None
-    normal = values[known[: max(5, min(BASELINE, known.size // 2))]]
+    first = known[: max(5, min(BASELINE, known.size // 2))]
+    normal = values[first]
     # the medians are not moved by a weld among the normal ones that is not
     centre = float(np.median(normal))
     sigma = max(float(np.median(np.abs(np.diff(normal)))) / 0.954, least_sigma)
     if sigma <= 0.0:
         return None
     scaled = (values - centre) / sigma
+    line = stats.theilslopes(normal, first)  # as robust as the medians
+    scaled[first] = (normal - line.intercept - line.slope * first) / sigma
     ewma, high, low = (np.full(values.size, np.nan) for _ in range(3))
     smooth = up = down = 0.0
     found: dict[str, list[int]] = {"shewhart": [], "ewma": [], "cusum": []}
     width = EWMA_WIDTH * sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT))
     for i in known.tolist():
         z = float(scaled[i])
+        if abs(z) > SHEWHART_WIDTH:
+            found["shewhart"].append(i)
+        if i <= first[-1]:
+            continue
         smooth += EWMA_WEIGHT * (z - smooth)
         up, down = max(0.0, up + z - CUSUM_SLACK), max(0.0, down - z - CUSUM_SLACK)
         ewma[i], high[i], low[i] = centre + sigma * smooth, up, down
-        if abs(z) > SHEWHART_WIDTH:
-            found["shewhart"].append(i)
         if abs(smooth) > width:
             found["ewma"].append(i)
         if max(up, down) > CUSUM_LIMIT:

@@ -139,6 +139,8 @@ class Monitor:
             self._source, self._points_s = now.source, now.time_s
             for drive in self._drives:
                 drive.forget()
+            for sensor in self._sensors:
+                sensor.forget(now.time_s - self._begun_s)
         for sensor, value in zip(self._sensors, (now.depth_mm, now.torque_nm, now.temperature_c), strict=True):
             sensor.push(value)
         self._drives[0].push(now.command_force_kn, now.force_kn)

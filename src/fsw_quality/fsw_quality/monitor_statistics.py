@@ -10,6 +10,8 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 
+#: a shorter delay explains nearly as well up to this ratio of variances (chosen); what rounding adds
+_NEARLY, _ROUNDING = 1.5, 1e-12
 #: lags of the autocorrelation that :func:`ljung_box` sums
 LAGS = 20
 #: order of the autoregression in :func:`harris_index`
@@ -119,9 +121,11 @@ def harris_index(errors: FloatArray, delay: int) -> float:
 
 
 def best_delay(given: FloatArray, followed: FloatArray, largest: int) -> int:
-    """Samples by which ``followed`` is behind ``given``: where they differ least."""
-    squares = [
-        float(np.mean((followed[largest:] - given[largest - delay : given.size - delay]) ** 2))
-        for delay in range(largest + 1)
-    ]
-    return int(np.argmin(squares))
+    """Samples by which ``followed`` is at least behind ``given``, but for an offset between them.
+
+    The shortest delay that explains ``followed`` nearly as well as the best: on a ramp a delay is an offset, too.
+    """
+    variances = np.array(
+        [np.var(followed[largest:] - given[largest - delay : given.size - delay]) for delay in range(largest + 1)]
+    )
+    return int(np.argmax(variances <= _NEARLY * variances.min() + _ROUNDING))

@@ -28,6 +28,8 @@ _DEAD_TIME_S = 0.4
 _VISIBLE = 3.0
 #: after a step of the set-point a loop has settled (chosen)
 _SETTLED_S = 60.0
+#: noise within this ratio of what was learnt is usual (chosen, below the limits)
+_USUAL = 1.6
 #: a gain is known with this standard error
 _KNOWN = 0.03
 
@@ -38,6 +40,8 @@ class SensorWatch:
     def __init__(self, name: str) -> None:
         self.name, self._window = name, Window(20 * _SECOND)
         self._learnt: list[float] = []
+        self._learn_s, self._ratio = LEARN_S, 1.0
+        self._normal = 0.0
         self._last, self._same = nan, 0
 
     def push(self, value: float) -> None:
@@ -46,27 +50,35 @@ class SensorWatch:
         self._last = value
         self._window.append(value)
 
+    def forget(self, time_s: float) -> None:
+        """Another controller commands, whose moves make other samples: learn anew, but for noise that is not usual."""
+        if 1.0 / _USUAL < self._ratio < _USUAL:
+            self._learnt.clear()
+            self._window.clear()
+            self._learn_s = time_s + LEARN_S
+
     @property
     def normal(self) -> float:
-        """Noise that was learnt at the begin of the weld; 0 before."""
-        return float(np.median(self._learnt)) if self._learnt else 0.0
+        """Noise that was learnt at the begin of the weld, or under this controller; 0 before."""
+        return self._normal
 
     def figures(self, time_s: float) -> dict[str, float]:
         """Figures at a second."""
         if not self._window.full:
             return {}
         sigma = noise_sigma(self._window.values())
-        if time_s <= LEARN_S:
+        if time_s <= self._learn_s:
             self._learnt.append(sigma)
+            self._normal = float(np.median(self._learnt))
         if self.normal <= 0.0:  # it has none, as an emulated sensor may: standstill says nothing either
             return {}
         if self._same > _SECOND:  # the other figure tells
             return {f"stuck_{self.name}": TICK_S * self._same}
-        ratio = max(sigma, 1e-9) / self.normal
+        self._ratio = max(sigma, 1e-9) / self.normal
         return {
             f"stuck_{self.name}": TICK_S * self._same,
-            f"noise_grown_{self.name}": ratio,
-            f"noise_gone_{self.name}": 1.0 / ratio,
+            f"noise_grown_{self.name}": self._ratio,
+            f"noise_gone_{self.name}": 1.0 / self._ratio,
         }
 
 
@@ -103,7 +115,9 @@ class DriveWatch:
         found = {f"stiction_{name}": float(np.mean(away & (np.abs(np.diff(acting)) < 0.05 * self._least)))}
         moves = np.abs(np.diff(given))
         if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
-            found[f"lag_{name}"] = TICK_S * best_delay(given, acting, 15)
+            delay = best_delay(given, acting, 15)
+            # none also where it cannot be told: while an alarm is there, the one before stands
+            found |= {f"lag_{name}": TICK_S * delay} if delay else {}
         if self._limited.full:
             found[f"saturation_{name}"] = float(self._limited.values().mean())
         if calm_s > 60.0:

@@ -97,6 +97,15 @@ def test_the_charts_are_silent_on_equal_welds_and_signal_a_shift_and_an_outlier(
     assert outlier is not None and 30 in outlier.signals["shewhart"]
 
 
+def test_wear_is_no_signal_of_the_welds_that_say_what_is_normal() -> None:
+    values = np.random.default_rng(2).normal(5.0, 0.1, 60) + 0.1 * np.arange(60)
+    wearing = control_charts.chart(values)
+    assert wearing is not None
+    first = {name: at[0] for name, at in wearing.signals.items() if name != "shewhart"}
+    assert first == dict.fromkeys(("ewma", "cusum"), control_charts.BASELINE)
+    assert sum(at < control_charts.BASELINE for at in wearing.signals["shewhart"]) <= 1
+
+
 def test_no_chart_without_values_or_spread() -> None:
     assert control_charts.chart(np.array([1.0, np.nan, 2.0])) is None
     assert control_charts.chart(np.ones(20)) is None

@@ -107,6 +107,20 @@ def test_sensors_that_stand_still_or_lose_or_gain_noise_are_told() -> None:
     assert "noise_gone_thermocouple" in told(later(GOOD, temperature_c=lambda k, _: 816.4 + 1e-5 * k))
 
 
+def test_samples_that_scatter_less_under_another_controller_are_no_fault() -> None:
+    random = np.random.default_rng(5)
+    moved = [one._replace(torque_nm=one.torque_nm + 4.0 * random.normal()) for one in STILL]
+    calmer = [STILL[k] if one.time_s > 120.0 else one for k, one in enumerate(moved)]
+    assert "noise_gone_torque" in told(calmer)
+    swapped = [one._replace(source="other") if one.time_s > 120.0 else one for one in calmer]
+    assert "noise_gone_torque" not in told(swapped)
+    # what is not usual at the swap is not learnt as usual
+    dead = later(STILL, temperature_c=lambda k, _: 816.4 + 1e-5 * k)
+    assert "noise_gone_thermocouple" in told(
+        one._replace(source="other") if one.time_s > 150.0 else one for one in dead
+    )
+
+
 def test_a_loop_that_swings_is_told_with_its_period() -> None:
     swinging = later(
         STILL, temperature_c=lambda _, one: one.temperature_c + 1.5 * np.sin(one.time_s * 2 * np.pi / 20.0)

@@ -71,3 +71,9 @@ def test_the_harris_index_is_one_at_the_least_variance_and_falls_with_a_slow_loo
 def test_a_delay_is_found() -> None:
     given = np.cumsum(RANDOM.standard_normal(300))
     assert best_delay(given[10:], given[4:-6], 15) == 6
+    assert best_delay(given[10:], given[4:-6] + 3.0, 15) == 6, "whatever the offset of the load cell"
+
+
+def test_an_offset_on_a_ramp_is_no_delay() -> None:
+    ramp = 0.002 * np.arange(300.0)
+    assert best_delay(ramp, ramp - 0.03 + 0.005 * RANDOM.standard_normal(300), 15) == 0
