@@ -177,7 +177,7 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
     """Sensors, drives and supervisor; ``needed``: controllers that must be ready."""
     limits, gaps = Limits(), np.diff(heard.time_s)
     period_s = float(np.median(gaps)) if gaps.size else np.nan
-    lost = 1.0 - 1.0 / float(gaps.mean() / weld.TICK_S) if gaps.size else 1.0
+    lost = max(0.0, 1.0 - weld.TICK_S / float(gaps.mean())) if gaps.size else 1.0
     missing = [name for name in needed if name not in heard.ready]
     trouble = ", ".join(heard.interlocks) or "none"
     rows = [

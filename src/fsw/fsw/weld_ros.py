@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from math import degrees
 from typing import Any
@@ -58,13 +59,24 @@ def abort(node: Operator) -> bool:
 
 
 def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:
-    """Send a goal and print its feedback; returns the result, or None if ``over`` came true before."""
+    """Send a goal and print its feedback; returns the result, or None if ``over`` came true before.
+
+    Once it is sent its answer is waited for as long as the player is there: a weld that begins late is followed, too.
+    """
     client = ActionClient(node.node, RunWeld, _ACTION)
     logs = LogLines(node, "fsw_scenario", "goal rejected: ")
     if not node.wait_until(client.server_is_ready):
         full = node.node.resolve_topic_name(_ACTION)
         raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
-    handle = node.answer(client.send_goal_async(goal, feedback_callback=_print_feedback), _ACTION)
+    answer = client.send_goal_async(goal, feedback_callback=_print_feedback)
+    if not node.wait_until(answer.done):
+        print("waiting for the scenario player's answer", file=sys.stderr, flush=True)
+        node.wait_until(lambda: answer.done() or over() or not client.server_is_ready(), float("inf"))
+    if not answer.done():
+        if over():
+            return None
+        raise CommandError("the scenario player has left before it answered")
+    handle = answer.result()
     if not handle.accepted:
         raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
     result = handle.get_result_async()
