@@ -131,9 +131,9 @@ def test_a_wrong_command_would_be_found(text: str) -> None:
     assert refusal(text)
 
 
-def load(name: str) -> ModuleType:
-    """A module of scripts/."""
-    spec = importlib.util.spec_from_file_location(name, WORKSPACE / "scripts" / f"{name}.py")
+def load(name: str, folder: str = "scripts") -> ModuleType:
+    """A module of a folder that is no package."""
+    spec = importlib.util.spec_from_file_location(name, WORKSPACE / folder / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -225,10 +225,7 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatc
 def test_the_page_of_solvers_says_by_its_figures_which_are_faster(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = importlib.util.spec_from_file_location("solvers", WORKSPACE / "benchmarks" / "solvers.py")
-    assert spec and spec.loader
-    solvers = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(solvers)
+    solvers = load("solvers", "benchmarks")
     qp: dict[str, float | None] = {}
     for preset, ratio in (("default", 0.8), ("paper", 3.0)):
         qp |= {f"{preset}_{name}": 0.05 for name in ("own_ms", "daqp_ms", "daqp_warm_ms", "prediction_ms")}

@@ -15,25 +15,18 @@ _POLICY = (
 )
 
 
-class HistoryReport:
-    """A file as the route ``/all_welds``; it is read anew for every request.
+def routes(file: str) -> list[Route]:
+    """The report as the route ``/all_welds``, read anew for every request; none without a file."""
 
-    Parameters
-    ----------
-    file : str
-        HTML file; empty: there is no such route.
-    """
+    async def answer(_: Request) -> Response:
+        return response(file)
 
-    def __init__(self, file: str) -> None:
-        self._file = Path(file).expanduser() if file else None
+    return [Route("/all_welds", answer)] if file else []
 
-    def routes(self) -> list[Route]:
-        """Routes of the application."""
-        return [Route("/all_welds", self.answer)] if self._file else []
 
-    async def answer(self, _: Request) -> Response:
-        """The report, or where there is none what to do; status 404."""
-        if self._file is None or not self._file.is_file():
-            text = f"there is no file {self._file}: 'fsw.py history report' writes it\n"
-            return PlainTextResponse(text, status_code=404)
-        return FileResponse(self._file, headers={"Content-Security-Policy": _POLICY}, media_type="text/html")
+def response(file: str) -> Response:
+    """The report, or where there is none what to do; status 404."""
+    path = Path(file).expanduser()
+    if not path.is_file():
+        return PlainTextResponse(f"there is no file {path}: 'fsw.py history report' writes it\n", status_code=404)
+    return FileResponse(path, headers={"Content-Security-Policy": _POLICY}, media_type="text/html")

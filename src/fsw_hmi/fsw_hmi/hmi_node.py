@@ -24,13 +24,12 @@ from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import tls, users
+from fsw_hmi import history_report, tls, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
-from fsw_hmi.history_report import HistoryReport
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
@@ -91,8 +90,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             max_pages=values["max_pages"],
             know=listening.gate.know,
         )
-        report = HistoryReport(values["history_report"]).routes()
-        app = application([*self._page.routes(), *report], [values["host"], *values["allow_hosts"]], listening.gate)
+        routes = [*self._page.routes(), *history_report.routes(values["history_report"])]
+        app = application(routes, [values["host"], *values["allow_hosts"]], listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
         self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -8,9 +8,9 @@ from functools import partial
 
 import pytest
 
+from fsw_hmi import history_report
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
-from fsw_hmi.history_report import HistoryReport
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, listen
@@ -32,13 +32,13 @@ class Server:
         settings = {"request_timeout_s": PATIENCE_S, "patience_s": PATIENCE_S, "max_pages": 100} | options
         self.room = room = ControlRoom(settings.pop("key", TOKEN), **settings.pop("rules", {}))
         encrypted = settings.pop("encrypted", None)
-        report = HistoryReport(settings.pop("history_report", ""))
+        report = history_report.routes(settings.pop("history_report", ""))
         listening = listen("127.0.0.1", 0, settings["patience_s"])
         self.gate = listening.gate = Gate(request_s=PATIENCE_S)
         self.page = LivePage(self.files, room, self._take, know=self.gate.know, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
-        routes = [*self.page.routes(), *report.routes()]
+        routes = [*self.page.routes(), *report]
         self.thread = WebThread(self.page, application(routes, ["weld.example"], self.gate), listening, encrypted)
         self.thread.start()
         self.call(self.page.set_hello, {"emulator": True})

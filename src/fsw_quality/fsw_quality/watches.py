@@ -41,7 +41,8 @@ class SensorWatch:
         self.name, self._window = name, Window(20 * _SECOND)
         self._learnt: list[float] = []
         self._learn_s, self._ratio = LEARN_S, 1.0
-        self._normal = 0.0
+        #: noise that was learnt at the begin of the weld, or under this controller; 0 before
+        self.normal = 0.0
         self._last, self._same = nan, 0
 
     def push(self, value: float) -> None:
@@ -57,11 +58,6 @@ class SensorWatch:
             self._window.clear()
             self._learn_s = time_s + LEARN_S
 
-    @property
-    def normal(self) -> float:
-        """Noise that was learnt at the begin of the weld, or under this controller; 0 before."""
-        return self._normal
-
     def figures(self, time_s: float) -> dict[str, float]:
         """Figures at a second."""
         if not self._window.full:
@@ -69,7 +65,7 @@ class SensorWatch:
         sigma = noise_sigma(self._window.values())
         if time_s <= self._learn_s:
             self._learnt.append(sigma)
-            self._normal = float(np.median(self._learnt))
+            self.normal = float(np.median(self._learnt))
         if self.normal <= 0.0:  # it has none, as an emulated sensor may: standstill says nothing either
             return {}
         if self._same > _SECOND:  # the other figure tells
@@ -114,10 +110,9 @@ class DriveWatch:
         away = np.abs(offset - np.median(offset))[1:] > self._least
         found = {f"stiction_{name}": float(np.mean(away & (np.abs(np.diff(acting)) < 0.05 * self._least)))}
         moves = np.abs(np.diff(given))
-        if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least:
-            delay = best_delay(given, acting, 15)
-            # none also where it cannot be told: while an alarm is there, the one before stands
-            found |= {f"lag_{name}": TICK_S * delay} if delay else {}
+        # no figure where there is no delay, or none can be told: while an alarm is there, the one before stands
+        if float(np.sqrt(np.mean(moves**2))) > 0.1 * self._least and (delay := best_delay(given, acting, 15)):
+            found[f"lag_{name}"] = TICK_S * delay
         if self._limited.full:
             found[f"saturation_{name}"] = float(self._limited.values().mean())
         if calm_s > 60.0:

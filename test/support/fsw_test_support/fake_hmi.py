@@ -24,10 +24,10 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from fsw_hmi import history_report
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.history_report import HistoryReport
 from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.trends_library import Uplot
@@ -308,8 +308,8 @@ class FakeHmi:
         kind = "text/css" if name.endswith(".css") else "text/javascript"
         return Response(await self._uplot.file(name), media_type=kind)
 
-    async def _all_welds(self, request: Request) -> Response:
-        return await HistoryReport(self.history_report).answer(request)
+    async def _all_welds(self, _: Request) -> Response:
+        return history_report.response(self.history_report)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]
