@@ -40,7 +40,7 @@ _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
     "/fsw/weld_progress": "phases, angles and positions along the weld",
     "/fsw/drives": "force and speed as the drives measure them",
-    "/fsw/alarms": "alarms: no journal is recorded",
+    "/fsw/alarms": "whether there were alarms: the operator's page reports them, and no report was recorded",
 }
 
 
@@ -198,7 +198,7 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
         custom = dict(reader.metadata.custom_data)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
-            told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
+            told = sorted([*signals.events, *told_by_watch(reader, signals)], key=lambda one: one.time_s)
             signals = replace(signals, events=told)
     return signals, custom, proof
 
@@ -274,12 +274,12 @@ def assemble(
     return record, course
 
 
-def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
-    """What the node that watches the procedure told while the weld ran, each change once."""
+def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
+    """What the node that watches the procedure told while the weld ran, each change once: procedure, deviations."""
     topic = reader.topics().get(_DIAGNOSTICS)
     if topic is None:
         return []
-    definitions, found, before = Definitions(), [], ""
+    definitions, found, before, welded_by = Definitions(), [], "", ""
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
     for record in reader.records([_DIAGNOSTICS]):
         if name.encode() not in record.data:
@@ -288,12 +288,21 @@ def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         line = next((one for one in message.status if one.name == name), None)
         if line is None:
             continue
+        stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+        time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
+        values = {one.key: one.value for one in line.values}
+        if "SHA-256" in values and welded_by != (now := procedure_words(values)):
+            found.append(WeldEvent(time_s, "procedure", now))
+            welded_by = now
         if line.message != before and (before or line.level):
-            stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
-            time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
             found.append(WeldEvent(time_s, "deviation", line.message))
         before = line.message
     return found
+
+
+def procedure_words(values: Mapping[str, str]) -> str:
+    """Identity of a procedure from the values that the node that watches it tells."""
+    return f"{values.get('procedure', '')} revision {values.get('revision', '')}, SHA-256 {values['SHA-256']}"
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:
@@ -346,6 +355,8 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
         lacking.append("software versions (versions.json is not in the bag)")
     if "lost_messages" not in custom:
         lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
+    if not any(one.kind == "procedure" for one in signals.events):
+        lacking.append(f"by which procedure the weld ran (no report of node {WATCH_NODE} is in the bag)")
     if evidence.stamp_ns is None:
         lacking.append("the day of the weld (simulated time)")
     return lacking
