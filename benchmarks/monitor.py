@@ -50,20 +50,19 @@ CONTROLLERS = (
 FAULT_S = 200.0
 #: least limits, chosen, so that what is small enough to be harmless is no alarm; and the margin over the largest figure
 FLOORS = {
-    "drift_torque": 5.0, "drift_depth": 6.0, "drift_heat": 1.0, "gain_torque": 8.0, "gain_heat": 8.0, "gain_depth": 8.0,
-    "dead_time": 0.5, "innovation_size": 2.0, "innovation_colour": 4.0, "oscillation": 1.5, "saturation": 0.3,
+    "drift_torque": 4.0, "drift_depth": 8.0, "drift_heat": 1.0, "gain_torque": 8.0, "gain_heat": 8.0, "gain_depth": 8.0,
+    "dead_time": 0.5, "innovation_size": 2.0, "innovation_colour": 10.0, "oscillation": 1.5, "saturation": 0.3,
     "movement": 3.0, "poor_control": 0.5, "noise_grown": 1.6, "noise_gone": 1.6, "stuck": 2.0, "stiction": 0.1,
     "lag": 0.25,
 }  # fmt: skip
-MARGIN = 1.25
-#: wider on the paper's process: a first judgement, on other seeds, had four false alarms of these in a hundred welds,
-#: whose torque swings by itself
-WIDE = {("paper", "innovation_colour"): 2.0}
+MARGIN = 1.5
+#: wider where the torque swings by itself, and few welds are at rest for long
+WIDE = {"innovation_colour": 2.0}
 #: figures of the heat, which tell nothing on a canister: the power that holds a temperature depends on the place and on
 #: what was heated before. A limit would only say how much its warming up differs from weld to weld
 HEAT = ("drift_heat", "gain_heat", "dead_time", "innovation_size_heat", "innovation_colour_heat")
-#: welds that judge false alarms, and those of each fault; fewer on a canister, whose welds take longer
-WITHOUT_FAULT, FAULT_SEEDS = {"paper": range(3000, 3200), "canister": range(1000, 1100)}, (2001, 2003)
+#: seeds of the welds that judge false alarms, and of those of each fault; on none of them anything was chosen
+WITHOUT_FAULT, FAULT_SEEDS = range(5000, 5200), range(6001, 6005)
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
@@ -280,16 +279,17 @@ def tuned(process, rows):
         for name, value in row["largest"].items():
             largest[name] = max(value, largest.get(name, 0.0))
     found = {}
-    own = {"oscillation_depth", "oscillation_temperature", "movement_force", "movement_speed"}
+    own = {f"{what}_{drive}" for what in ("movement", "lag") for drive in ("force", "speed")}
+    own |= {"oscillation_depth", "oscillation_temperature"}
     for name in sorted(own | largest.keys()):
         if process == "canister" and name in HEAT:
             continue
         floor = next(value for begin, value in FLOORS.items() if name.startswith(begin))
-        margin = next((wide for (of, begin), wide in WIDE.items() if of == process and name.startswith(begin)), MARGIN)
+        margin = next((wide for begin, wide in WIDE.items() if name.startswith(begin)), MARGIN)
         limit = max(floor, margin * largest.get(name, 0.0))
-        if not (
-            name.startswith(("poor_control", "saturation", "stiction")) and limit >= 1.0
-        ):  # a share cannot be larger
+        if name.startswith("poor_control"):  # a share, near to one: half the way to it
+            limit = max(floor, 0.5 + 0.5 * largest.get(name, 0.0))
+        if limit < 1.0 or not name.startswith(("poor_control", "saturation", "stiction")):
             found[name] = float(f"{limit:.3g}")
     return found
 
@@ -317,8 +317,9 @@ def summary(rows, process, case):
     own = [row for row in rows if row["process"] == process and row["case"] == case]
     delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
+    # a gain is excited by the first step after the fault, unless the loop was moving anyway
     excited = [
-        row["named_s"] - row["first_step_s"]
+        row["named_s"] - min(row["first_step_s"], row["named_s"])
         for row in own
         if row["named_s"] is not None and row["first_step_s"] is not None
     ]
@@ -330,6 +331,7 @@ def summary(rows, process, case):
         "worst_s": max(delays) if delays else None,
         "named": len(named),
         "named_median_s": float(np.median(named)) if named else None,
+        "named_worst_s": max(named) if named else None,
         "named_after_step_s": max(excited) if excited else None,
         "kinds": ", ".join(kind for kind, _ in kinds.most_common(3)),
     }
@@ -346,12 +348,14 @@ def main():
     if chosen.tune:
         tune(chosen.folder, range(1, 4 if quick else 31))
     limits = {name: one.model_dump() for name, one in load_limits().items()}
-    without = dict.fromkeys(PROCESSES, range(1000, 1003)) if quick else WITHOUT_FAULT
-    fault_seeds = (2001,) if quick else FAULT_SEEDS
-    wanted = [(process, "none", seed) for process in PROCESSES for seed in without[process]]
-    wanted += [(process, case, seed) for process in PROCESSES for case in CASES for seed in fault_seeds]
+    without, fault_seeds = (range(1000, 1003), (2001,)) if quick else (WITHOUT_FAULT, FAULT_SEEDS)
+    wanted = [(process, case, seed) for seed in fault_seeds for process in PROCESSES for case in CASES]
+    wanted += [(process, "none", seed) for seed in without for process in PROCESSES]
     rows = run(wanted, limits, chosen.folder)
     figures = {"cost_mean_ms": float(np.median([row["step_ms"]["mean"] for row in rows]))}
+    faulty = [row for row in rows if row["case"] in CASES and "start" not in row["case"]]
+    figures["fault_welds"] = len(faulty)
+    figures["fault_welds_with_alarm_before"] = sum(bool(row["false"]) for row in faulty)
     figures["cost_p99_ms"] = float(np.median([row["step_ms"]["p99"] for row in rows]))
     tables = {}
     for process in PROCESSES:
@@ -364,6 +368,8 @@ def main():
         tables[process] = {case: summary(rows, process, case) for case in CASES}
         for case, found in tables[process].items():
             figures |= {f"{process}: {case}: {name}": value for name, value in found.items()}
+    free = [row for row in rows if row["case"] == "none"]
+    figures["false_alarm_most_percent"] = 100.0 * wilson(sum(bool(row["false"]) for row in free), len(free))[1]
     show(figures)
     save(figures, chosen.json)
     if not quick:
