@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -29,7 +30,7 @@ from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import mapped, sha256
-from fsw_schema.models import Many, Model
+from fsw_schema.models import InputError, Many, Model, content_of, validate
 
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
@@ -196,10 +197,13 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
     signals.problems.extend(wrong)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
+        told = attached_procedures(signals)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
-            told = sorted([*signals.events, *told_by_watch(reader, signals)], key=lambda one: one.time_s)
-            signals = replace(signals, events=told)
+            known = [one.text for one in told]
+            told += [one for one in told_by_watch(reader, signals) if one.text not in known]
+    if told:
+        signals = replace(signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s))
     return signals, custom, proof
 
 
@@ -300,6 +304,18 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     return found
 
 
+def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
+    """By which procedure the weld began: the file that was attached to the bag."""
+    found = []
+    for name, data in signals.attachments.items():
+        if name.endswith(".yaml") and b"fsw_weld_procedure" in data:
+            with suppress(InputError):  # a scenario that names the format is none
+                one = validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name).identity
+                values = {"procedure": one.id, "revision": one.revision, "SHA-256": one.sha256}
+                found.append(WeldEvent(float(signals.time_s[0]), "procedure", procedure_words(values)))
+    return found
+
+
 def procedure_words(values: Mapping[str, str]) -> str:
     """Identity of a procedure from the values that the node that watches it tells."""
     return f"{values.get('procedure', '')} revision {values.get('revision', '')}, SHA-256 {values['SHA-256']}"
@@ -356,7 +372,7 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
     if "lost_messages" not in custom:
         lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
     if not any(one.kind == "procedure" for one in signals.events):
-        lacking.append(f"by which procedure the weld ran (no report of node {WATCH_NODE} is in the bag)")
+        lacking.append(f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})")
     if evidence.stamp_ns is None:
         lacking.append("the day of the weld (simulated time)")
     return lacking
