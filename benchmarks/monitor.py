@@ -318,11 +318,13 @@ def summary(rows, process, case):
     delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
     # a gain is excited by the first step after the fault, unless the loop was moving anyway
-    excited = [
-        row["named_s"] - min(row["first_step_s"], row["named_s"])
-        for row in own
-        if row["named_s"] is not None and row["first_step_s"] is not None
-    ]
+    stepped = [row for row in own if row["first_step_s"] is not None]
+    after = {
+        f"{name}_after_step_s": max(
+            (row[of] - min(row["first_step_s"], row[of]) for row in stepped if row[of] is not None), default=None
+        )
+        for name, of in (("told", "delay_s"), ("named", "named_s"))
+    }
     kinds = Counter(kind for row in own for at_s, kind, _ in row["alarms"] if at_s >= FAULT_S or "start" in case)
     return {
         "welds": len(own),
@@ -332,7 +334,7 @@ def summary(rows, process, case):
         "named": len(named),
         "named_median_s": float(np.median(named)) if named else None,
         "named_worst_s": max(named) if named else None,
-        "named_after_step_s": max(excited) if excited else None,
+        **after,
         "kinds": ", ".join(kind for kind, _ in kinds.most_common(3)),
     }
 

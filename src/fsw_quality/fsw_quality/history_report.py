@@ -22,8 +22,22 @@ from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
 WORN_NM = 50.0
-#: smallest spreads that count, so that what is equal to the last digit makes no signal of nothing
-_LEAST = {"torque_nm": 0.5, "power_kw": 0.02, "gain_heat": 0.005, "gain_depth": 0.005, "duration_s": 1.0}
+#: smallest spreads that count (chosen): three of them are harmless, however alike the welds are
+_LEAST = {
+    "temperature_error_mean_c": 0.1,
+    "temperature_error_sigma_c": 0.1,
+    "temperature_error_max_c": 0.3,
+    "depth_error_mean_mm": 0.0005,
+    "depth_error_sigma_mm": 0.0005,
+    "depth_error_max_mm": 0.002,
+    "torque_nm": 0.5,
+    "power_kw": 0.02,
+    "gain_heat": 0.005,
+    "gain_depth": 0.005,
+    "drift_torque_nm": 0.3,
+    "drift_depth_um_per_min": 0.5,
+    "drift_heat_c": 0.5,
+}
 #: what is charted: all but what differs by intention
 CHARTED = tuple(name for name in NUMBERS if name != "duration_s")
 #: welds in the report's tables, and with the same alarm from which on that is one line
@@ -91,7 +105,7 @@ def _signals(found: dict[str, Chart]) -> list[tuple[int, str]]:
                 first.setdefault(at[0], []).append(kind)
         for at_first, kinds in first.items():
             later = max(len(one.signals[kind]) for kind in kinds) - 1
-            more = f", and at {later} later welds" if later else ""
+            more = f", and at {later} later weld{'s' * (later > 1)}" if later else ""
             value = f"{one.values[at_first]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
             charts_of = ", ".join(_CHARTS[kind] for kind in kinds)
             said.append((at_first, f"{charts_of} chart of {NUMBERS[name]} signals: {value}{more}"))
