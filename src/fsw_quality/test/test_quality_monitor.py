@@ -172,6 +172,15 @@ def test_every_figure_has_a_cause_in_words(process: str) -> None:
     assert limits.known_heat == any(name.endswith("heat") for name in limits.limits)
 
 
+def test_a_gain_is_not_told_while_a_sensor_is_noisy() -> None:
+    limits = load_limits()["paper"]
+    figures = {name: 1.5 * limits.limits[name] for name in ("gain_depth", "noise_grown_depth")}
+    words = {"depth_gain": 1.2, "depth_error": 0.02}
+    assert [one.kind for one in diagnose(figures, limits, dict.fromkeys(figures, True), words)] == ["noise_grown_depth"]
+    active = {"gain_depth": True, "noise_grown_depth": False}
+    assert [one.kind for one in diagnose(figures, limits, active, words)] == ["gain_depth"]
+
+
 @pytest.mark.parametrize("process", PROCESSES)
 def test_an_edge_of_the_workpiece_is_no_change_of_the_process(process: str) -> None:
     edge = [one._replace(depth_mm=one.depth_mm + 0.03 * (one.time_s > 150.0)) for one in GOOD]
