@@ -97,10 +97,10 @@ def source(type_name: str) -> tuple[str, str]:
 
 
 def message_text(type_name: str) -> str:
-    """Text of a message, or that of a part of a service or an action as if it were one."""
+    """Text of a message, as in its file, or that of a part of a service or an action as if it were one."""
     package, kind, _ = split_name(type_name)
-    _, texts = interface(_whole(type_name))
-    return texts[type_name].lstrip("\n").replace(f"{package}/{kind}/", f"{package}/")
+    text = interface(_whole(type_name))[1][type_name]
+    return text if kind == "msg" else text.lstrip("\n").replace(f"{package}/{kind}/", f"{package}/")
 
 
 def split_name(type_name: str) -> tuple[str, str, str]:

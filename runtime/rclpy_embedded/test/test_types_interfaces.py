@@ -250,6 +250,17 @@ def test_definition_text_holds_all_that_is_referred_to() -> None:
     )
 
 
+def test_definition_text_of_a_message_is_that_of_its_file(package: str, tmp_path: Path) -> None:
+    text = f"\n# A comment.\n{package}/msg/Other other\n"
+    (tmp_path / package / "msg" / "Named.msg").write_text(text)
+    assert interface_definition(f"{package}/msg/Named").startswith(text + "\n=")
+
+
+def test_definition_text_of_a_part_is_its_part_of_the_file(package: str) -> None:
+    text = interface_definition(f"{package}/srv/Ask_Response")
+    assert text.startswith("uint8 OK=1\nOther[] answers\n\n=") and f"MSG: {package}/Other\n" in text
+
+
 def test_sources_of_a_service_are_its_file_and_what_it_refers_to() -> None:
     sources = type_sources("std_srvs/srv/SetBool")
     assert [(source["type_name"], source["encoding"]) for source in sources] == [
