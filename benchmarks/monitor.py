@@ -56,16 +56,17 @@ FLOORS = {
     "lag": 0.25,
 }  # fmt: skip
 MARGIN = 1.5
-#: wider where the torque swings by itself, and few welds are at rest for long
-WIDE = {"innovation_colour": 2.0}
+#: wider where the statistic grows with the square of a swing
+WIDE = {"innovation_colour": 4.0}
 #: of these the welds of both processes count: the equation of the torque is the same, and so is how it swings
 COMMON = ("innovation_colour_torque",)
 #: figures of the heat, which tell nothing on a canister: the power that holds a temperature depends on the place and on
 #: what was heated before. A limit would only say how much its warming up differs from weld to weld
 HEAT = ("drift_heat", "gain_heat", "dead_time", "innovation_size_heat", "innovation_colour_heat")
-#: seeds of the welds that judge false alarms, and of those of each fault; on none of them anything was chosen. Of the
-#: paper's welds from 5000 to 5062 one had a false alarm (innovation_colour_torque), since when COMMON holds
-WITHOUT_FAULT, FAULT_SEEDS = range(5063, 5263), range(6001, 6005)
+#: seeds that set the limits: welds of all kinds, and more that are left alone, in which some figures are judged only
+TUNING = (*range(1, 31), *range(32, 201, 4))
+#: seeds of the welds that judge false alarms, and of those of each fault; on none of them anything was chosen
+WITHOUT_FAULT, FAULT_SEEDS = range(5150, 5350), range(6001, 6005)
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
@@ -352,7 +353,7 @@ def main():
     chosen = arguments.parse_args()
     quick = chosen.quick
     if chosen.tune:
-        tune(chosen.folder, range(1, 4 if quick else 31))
+        tune(chosen.folder, range(1, 4) if quick else TUNING)
     limits = {name: one.model_dump() for name, one in load_limits().items()}
     without, fault_seeds = (range(1000, 1003), (2001,)) if quick else (WITHOUT_FAULT, FAULT_SEEDS)
     wanted = [(process, case, seed) for seed in fault_seeds for process in PROCESSES for case in CASES]

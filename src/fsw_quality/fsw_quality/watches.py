@@ -239,7 +239,8 @@ class ModelWatch:
             self._seconds[name].append(float(np.median(window.values())))
         torque, model, heat, pressed, sunk = (self._seconds[name].values() for name in self._NAMES)
         shares = torque / model
-        self.torque_ratio = 1.0 + float(np.median(shares[-_LEVEL_S:]))
+        if shares.size >= _LEVEL_S:  # before, the begin of the weld counts
+            self.torque_ratio = 1.0 + float(np.median(shares[-_LEVEL_S:]))
         if time_s <= LEARN_S:
             self._torque_share = float(np.median(shares))
             self._depth_gain = gain_beside_slope(sunk, pressed, 1.0, _GAIN_BEFORE, _DEPTH_MM)

@@ -229,6 +229,13 @@ def test_after_a_step_a_gain_is_judged_and_not_the_colour_of_its_error() -> None
             assert "innovation_colour_heat" not in monitor.figures and "innovation_size_heat" in monitor.figures
 
 
+def test_the_begin_of_a_weld_is_no_gain_of_the_torque() -> None:
+    monitor = Monitor()
+    for one in GOOD[:600]:
+        monitor.step(one._replace(torque_nm=one.torque_nm * (1.12 if one.time_s < 8.0 else 1.0)))
+        assert monitor.figures.get("gain_torque", 0.0) < 2.0
+
+
 def test_an_offset_of_the_load_cell_is_no_stiction() -> None:
     offset = [one._replace(command_force_kn=one.command_force_kn + 0.3) for one in STILL]
     assert not any(kind.startswith("stiction") for kind in told(offset))
