@@ -19,7 +19,6 @@ from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
@@ -276,7 +275,7 @@ class PlantNode(ManagedNode):
             PlantConfig.from_values(values)
             if not self.is_configured or values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
-        except (ParameterError, InputError) as error:
+        except InputError as error:
             return str(error)
         return None
 
