@@ -19,7 +19,7 @@ from fsw_campaign import definition
 from fsw_campaign.definition import Campaign
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
-from fsw_schema.files import replacing
+from fsw_schema.files import replacing, write_whole
 from fsw_schema.models import InputError, Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
@@ -91,9 +91,9 @@ class Dataset:
             for left in (folder / _WELDS).glob(".*.tmp.parquet"):
                 left.unlink()
             if not manifest.exists():
-                _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
+                write_whole(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
                 content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
-                _write(manifest, content.model_dump_json(indent=1))
+                write_whole(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
             raise InputError(
                 f"folder {folder} is being written to by another run; wait until it has finished"
@@ -201,8 +201,3 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
                 f"{path} is damaged: {' '.join(str(error).split())}; delete it and run again with --resume"
             ) from None
     return pa.concat_tables(tables).unify_dictionaries().combine_chunks()
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
