@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -218,7 +217,3 @@ def main(args: Sequence[str] | None = None) -> int:
 
     arguments = NodeArguments("fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG")
     return run(make, args, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
