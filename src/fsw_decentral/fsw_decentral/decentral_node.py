@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 from fsw_control import run_controller
@@ -11,3 +12,7 @@ from fsw_decentral.controller import DecentralController
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
     return run_controller(DecentralController, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -70,3 +70,7 @@ def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
     given = {name: json.dumps(value) for name in _OPTIONS if (value := getattr(parsed, name)) is not None}
     return ["--ros-args", *(word for name, value in given.items() for word in ("-p", f"{name}:={value}"))]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -223,3 +223,7 @@ def _link_settings(values: dict[str, Any]) -> LinkSettings:
 
 
 main = main_of(MachineNode, "fsw_machine", __doc__, ("fsw_machine", "gateway.yaml"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -23,3 +24,7 @@ def _make(values: Mapping[str, Any]) -> NmpcController:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
     return run_controller(_make, name=NmpcController.name, parameters=NmpcController.parameters, args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

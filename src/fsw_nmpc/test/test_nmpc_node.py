@@ -113,7 +113,7 @@ def test_parameters_at_runtime(peer):
 
 def test_process_starts_says_its_solver_and_ends_cleanly():
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "fsw_schema.entry", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "preset:=paper"]
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "preset:=paper"]
     with subprocess.Popen(
         command, env=environment, stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
     ) as node:
@@ -125,7 +125,7 @@ def test_process_starts_says_its_solver_and_ends_cleanly():
 
 
 def test_wrong_parameter_is_one_line_and_exit_code():
-    command = [sys.executable, "-m", "fsw_schema.entry", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "calmness:=33.0"]
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "calmness:=33.0"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert run.returncode == 2
     assert "calmness" in run.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -304,3 +305,7 @@ def _mode(speed: float, simulated: bool) -> str:
 
 
 main = main_of(PlantNode, "fsw_plant", __doc__, specs)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

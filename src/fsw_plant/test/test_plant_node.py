@@ -340,7 +340,7 @@ def test_namespace(graph):
 
 def test_second_plant_is_refused(graph):
     graph.start(speed=0.0, discovery_s=0.3)  # lockstep: silent but alive
-    command = [sys.executable, "-m", "fsw_schema.entry", "fsw_plant.plant_node", "--ros-args"]
+    command = [sys.executable, "-m", "fsw_plant.plant_node", "--ros-args"]
     command += ["-p", "discovery_s:=10.0"]  # ends as soon as it hears the other's report or a repeated tick
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}

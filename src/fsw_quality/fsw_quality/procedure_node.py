@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -109,3 +110,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
 
 
 main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_quality", "procedure_node.yaml"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

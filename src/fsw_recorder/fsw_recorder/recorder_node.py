@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
@@ -282,3 +283,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     code = run(make, args, NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")))
     return 1 if code == 0 and any(node.failed for node in nodes) else code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -217,3 +218,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     arguments = NodeArguments("fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG")
     return run(make, args, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -41,7 +41,7 @@ class Graph(Spinner):
     def start(self, module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
         """Start ``python -m module``; its output is one text."""
         program = subprocess.Popen(
-            [sys.executable, "-m", "fsw_schema.entry", module, *arguments],
+            [sys.executable, "-m", module, *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -24,3 +24,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"{program.rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         return 2
     return run_controller(kind, args=[program, *words[1:]])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

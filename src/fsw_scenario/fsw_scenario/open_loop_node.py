@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,3 +20,7 @@ def _make(values: Mapping[str, Any]) -> OpenLoopController:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
     return run_controller(_make, name=OpenLoopController.name, parameters=("fsw_scenario", "open_loop.yaml"), args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -231,3 +231,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """
     parameters = load_parameters("fsw_scenario", "player.yaml")
     return run(ScenarioNode, args, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

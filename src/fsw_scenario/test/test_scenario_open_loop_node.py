@@ -45,7 +45,7 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
     references = peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
     references.publish(convert.reference_message(Reference(2.66, 850.0), 0))  # without one, no controller is asked
     parameters = ["-p", f"scenario:={scenario}", "-p", "from_first_tick:=true"]
-    command = [sys.executable, "-m", "fsw_schema.entry", "fsw_scenario.open_loop_node", "--ros-args", *parameters]
+    command = [sys.executable, "-m", "fsw_scenario.open_loop_node", "--ros-args", *parameters]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     stamps = count(1)

@@ -1,15 +1,13 @@
 """Entry points of programs that take long to import: Ctrl-C or SIGTERM meanwhile ends them quietly.
 
 Every name of this module stands for a package: ``fsw_schema.entry:fsw_plant.plant_node.main`` is an entry point that
-imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``. ``python -m fsw_schema.entry
-fsw_plant.plant_node [arguments]`` does the same. This package imports next to nothing.
+imports ``fsw_plant.plant_node`` when it is called and then calls its ``main``. This package imports next to nothing.
 """
 
 from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -60,8 +58,3 @@ def __getattr__(name: str) -> Program:
     if name.startswith("__"):
         raise AttributeError(name)
     return Program(name)
-
-
-if __name__ == "__main__":
-    del sys.argv[0]
-    sys.exit(Program(f"{sys.argv[0]}.main")())

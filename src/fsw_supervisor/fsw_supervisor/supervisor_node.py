@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 import uuid
 
@@ -219,3 +220,7 @@ class SupervisorNode(Node):
 
 
 main = main_of(SupervisorNode, "fsw_supervisor", __doc__, ("fsw_supervisor", "supervisor.yaml"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
