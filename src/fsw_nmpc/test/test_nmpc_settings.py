@@ -1,5 +1,7 @@
 """Parameters, knobs and tuning files: complete, checked, and changed while it runs."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from fsw_control import Command, Measurement, Reference
@@ -110,7 +112,8 @@ def test_every_knob_does_something_and_one_is_neutral(knob):
 @pytest.mark.full
 def test_runtime_change_of_everything_without_a_bump():
     said = []
-    controller = NmpcController(log=said.append)
+    controller = NmpcController()
+    controller.use_logger(SimpleNamespace(info=said.append, error=None))
     for _ in range(10):
         step(controller)
     for values in (
