@@ -56,6 +56,8 @@ _COURSE, _REPORT = "commission.yaml", "report.md"
 _TICKS = 100
 #: the experiment ends with a return to the operating point, which takes so long
 _RETURN_S = 30.0
+#: what to do when ticks were not commanded
+_TOO_FAST = "; where the graph cannot keep up with the emulator, start that with -p speed:=0.0, so that it waits"
 _TUNINGS = ("conservative", "tight", "smith")
 
 
@@ -220,8 +222,9 @@ class Work:
         predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
         found = _cut(read_weld(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
-        rows = accept_rows(measured, usual, found.command_source, name)
-        return outcome_of(rows, _now(), f"recorded to {bag.name}")
+        commands = list(zip(found.command_source, found.command_reason, strict=True))
+        rows = accept_rows(measured, usual, commands, name)
+        return outcome_of(rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}")
 
     def _scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""

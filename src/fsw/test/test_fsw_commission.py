@@ -121,6 +121,7 @@ def heard(**changes):
         controller="decentral",
         ready=["decentral", "nmpc"],
         interlocks=[],
+        held=["start-up"],
     )
     return Heard(**(values | changes))
 
@@ -141,6 +142,7 @@ def test_a_graph_at_rest_passes_the_check():
         ("noise, depth", {"depth_mm": np.full(100, 2.66)}),
         ("noise, temperature", {"temperature_c": 816.4 + 5.0 * np.random.default_rng(2).normal(size=100)}),
         ("noise, torque", {"torque_nm": np.full(100, nan)}),
+        ("commanded by a controller", {"held": ["the arbiter was stalled"] * 2}),
         ("set-points", {"reference": None}),
         ("set-points", {"reference": (2.7, 816.4)}),
         ("depth, off", {"depth_mm": heard().depth_mm + 0.05}),
@@ -183,10 +185,11 @@ def test_a_model_must_be_known_well():
 
 def test_acceptance_is_measured_against_what_the_model_predicts():
     predicted = {"iae_depth_mm_s": 1.0, "iae_temperature_c_s": 100.0}
-    sources = np.array(["nmpc"] * 100, dtype=object)
-    good = accept_rows({"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, sources, "nmpc")
+    commands = [("nmpc", "")] * 99 + [("hold", "stalled")]
+    good = accept_rows({"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, commands, "nmpc")
+    assert good[0].found == "99.0 %, stalled"
     assert len(good) == 3 and all(row.good for row in good)
-    bad = accept_rows({"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, sources, "decentral")
+    bad = accept_rows({"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, commands, "decentral")
     assert not any(row.good for row in bad)
 
 
