@@ -28,6 +28,7 @@ from fsw.commissioning import (
     check_experiment,
     check_rows,
     identify_rows,
+    margin_rows,
     outcome_of,
     tune_rows,
     write_report,
@@ -46,6 +47,7 @@ from fsw_identification import report, summary
 from fsw_model import ModelParameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.standard_cases import DEFAULT, TIGHT
 from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 from fsw_schema.models import InputError, content_of, read_text, validate
 from fsw_schema.ranges import Range
@@ -189,10 +191,12 @@ class Work:
         """Search for the tunings."""
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
-        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
-        gains = {name: start_of(name, model).changed(**own[f"decentral:{name}"]) for name in NAMES}
+        origin = self._origin(self._model)
+        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, origin, matched=True)
+        gains = {name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"]) for name in NAMES}
         found = {name: robustness(one, model) for name, one in gains.items()}
-        return outcome_of(tune_rows(found, BOUNDS), _now(), "files in tuned")
+        rows = [*tune_rows(found, BOUNDS), *margin_rows(own.margins[DEFAULT], own.margins[TIGHT], model)]
+        return outcome_of(rows, _now(), "files in tuned")
 
     def apply(self) -> Outcome:
         """Set the gains of the decentralized controller; the NMPC must have been started with its file."""

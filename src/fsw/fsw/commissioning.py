@@ -14,6 +14,7 @@ from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_model import ModelParameters
 from fsw_scenario.identification_design import AIMS, SAFE_C, SAFE_MM
+from fsw_scenario.margins import GAIN_ACCURACY, texts
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError, Many, Model
 
@@ -296,6 +297,20 @@ def tune_rows(robust: Mapping[str, Mapping[str, float]], bounds: Mapping[str, Ma
         _row(f"{name}: {key}", f"{found[key]:.3g}", f"at most {bound:g}", found[key] <= bound)
         for name, found in robust.items()
         for key, bound in bounds[name].items()
+    ]
+
+
+def margin_rows(found: Mapping[str, float], least: Mapping[str, float], model: ModelParameters) -> list[Row]:
+    """Margins of the NMPC's loops against those of the tight PI."""
+    words, limits = texts(found, model), texts(least, model)
+    return [
+        _row(
+            f"nmpc: margin, {key.removesuffix('_s').replace('_', ', ')}",
+            words[key],
+            f"at least {limits[key]}, that of decentral:tight",
+            found[key] * GAIN_ACCURACY >= least[key],
+        )
+        for key in found
     ]
 
 

@@ -1,7 +1,7 @@
 """``fsw.py commission``: its course, and what its steps are judged by."""
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from fsw.commissioning import (
     check_experiment,
     check_rows,
     identify_rows,
+    margin_rows,
     outcome_of,
 )
 from fsw.errors import CommandError
@@ -181,6 +182,15 @@ def test_a_model_must_be_known_well():
     assert all(row.good for row in identify_rows(parameters, known))
     del known["dead_time_s"]
     assert [row.what for row in identify_rows(parameters, known) if not row.good] == ["dead_time_s"]
+
+
+def test_the_nmpc_has_the_margins_of_the_tight_tuning():
+    least = {"depth_gain": inf, "temperature_gain": 2.70, "depth_delay_s": 1.1, "temperature_delay_s": 6.2}
+    found = {"depth_gain": inf, "temperature_gain": 2.65, "depth_delay_s": 1.8, "temperature_delay_s": 5.7}
+    rows = margin_rows(found, least, ModelParameters())
+    assert [row.good for row in rows] == [True, True, True, False]
+    assert (rows[3].what, rows[3].found) == ("nmpc: margin, temperature, delay", "5.7 s")
+    assert rows[0].limit == "at least > 8, that of decentral:tight"
 
 
 def test_acceptance_is_measured_against_what_the_model_predicts():
