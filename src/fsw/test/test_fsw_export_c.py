@@ -53,6 +53,7 @@ def test_vectors_under_sanitizers(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.full
 def test_a_wrong_answer_is_noticed(exported, objects, controller, tmp_path):
     folder = tmp_path / "copy"
     subprocess.run(["cp", "-r", str(exported[controller]), str(folder)], check=True)
