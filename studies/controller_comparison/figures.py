@@ -43,7 +43,7 @@ def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> N
 
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
-    """Per event: the front that no controller can pass, and where the controllers are."""
+    """Per event: the front of the clairvoyant optima, and where the controllers are."""
     with rc_context(STYLE):
         canvas = Canvas(figsize=(11.0, 6.6), layout="constrained")
         axes = canvas.subplots(2, 3).flat

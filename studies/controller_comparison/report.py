@@ -59,7 +59,7 @@ def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
         found = nominal[label]["clean"]["events"]
         peak = max(found[e]["peak_temperature_error_c"] for e in columns if EVENTS[e].of_depth)
         rows.append([f"`{label}`", *(_iae(found, e) for e in columns), f"{peak:.2f}"])
-    rows.append(["lower bound (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
+    rows.append(["best found (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
     return table(rows).splitlines()
 
 
