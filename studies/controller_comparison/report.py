@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, TOLERANCE, VARIATIONS, ratios
+from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
 from fsw_analysis.report import table, templates
 from fsw_scenario.margins import texts
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
@@ -16,7 +16,13 @@ from fsw_scenario.standard_runs import JUDGED, failed
 
 Rows = list[list[str]]
 #: the pages, each with the part of the data that it cannot do without
-PAGES = {"README": "nominal", "other-processes": "sweep", "other-models": "other_models", "losses": "wins"}
+PAGES = {
+    "README": "nominal",
+    "other-processes": "sweep",
+    "other-models": "other_models",
+    "losses": "wins",
+    "corridors": "corridors",
+}
 #: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 
@@ -111,11 +117,19 @@ def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 
 def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Margins of the temperature, errors and movements."""
-    rows = [["", "gain margin", "delay margin", *JUDGED.values(), *(KPIS[key] for key in VARIATIONS)]]
+    moved = [KPIS[key] for key in VARIATIONS]
+    rows = [["IAE [mm s, °C s], movement", "gain margin", "delay margin", *JUDGED.values(), *moved]]
     for name, of in data.items():
         margins = texts({key: of[key] for key in ("temperature_gain", "temperature_delay_s")})
-        rows.append([name, *margins.values(), *(f"{of[key]:.3g}" for key in (*JUDGED, *VARIATIONS))])
+        iae = [f"{of[key]:.3g}" for key in JUDGED]
+        rows.append([name, *margins.values(), *iae, *(f"{of[key]:.0f}" for key in VARIATIONS)])
     return rows
+
+
+def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
+    """Smallest and largest error of the matched NMPC as shares of a rival's, in words."""
+    shares = [100.0 * data[MATCHED][key] / data[rival][key] for key in JUDGED]
+    return f"{min(shares):.0f} to {max(shares):.0f} %"
 
 
 def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
@@ -183,6 +197,7 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         worse,
         margin_rows,
         matched_rows,
+        matched_share,
         corridor_rows,
         knob_rows,
         random_rows,

@@ -104,7 +104,7 @@ def test_pages_say_what_was_measured(nominal):
     assert "1 of 2 won (50.0 %)" in pages["losses.md"]
     assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in pages["losses.md"]
     assert "| > 8 | 2 |" in page
-    assert "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |" in page
+    assert "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |" in pages["corridors.md"]
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
     assert "1 models with other gains" in (text := pages["other-models.md"]) and "on 0 of these models" in text
 
