@@ -14,7 +14,7 @@ def own_case(name: str) -> str:
     return str(Path(__file__).parent / "cases" / f"{name}.yaml")
 
 
-REST, INPUT_DISTURBANCES = map(own_case, ("rest", "input_disturbances"))
+REST, BELOW_NOISE, INPUT_DISTURBANCES = map(own_case, ("rest", "below_noise", "input_disturbances"))
 #: Cases that no controller was tuned on: own ones, and scenarios shipped with fsw_scenario.
 VALIDATION_CASES = (
     *(own_case("other_sizes"), INPUT_DISTURBANCES),

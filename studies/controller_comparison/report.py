@@ -126,6 +126,16 @@ def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     return rows
 
 
+def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
+    """Mean absolute errors with disturbances below the noise, and at rest."""
+    heads = {"iae_depth_mm_s": "depth [µm]", "iae_temperature_c_s": "temperature [m°C]"}
+    cases = {"disturbed": "disturbed", "rest": "at rest"}
+    rows = [["mean absolute error", *(f"{head}, {case}" for head in heads.values() for case in cases.values())]]
+    for label, of in data.items():
+        rows.append([label, *(f"{of[f'{case} {key}']:.3g}" for key in heads for case in cases)])
+    return rows
+
+
 def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
     """Smallest and largest error of the matched NMPC as shares of a rival's, in words."""
     shares = [100.0 * data[MATCHED][key] / data[rival][key] for key in JUDGED]
@@ -198,6 +208,7 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         margin_rows,
         matched_rows,
         matched_share,
+        small_rows,
         corridor_rows,
         knob_rows,
         random_rows,
@@ -209,7 +220,10 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         "default": DEFAULT,
         "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
     }
-    parts = {**dict.fromkeys(("bounds", "corridors", "margins", "matched", "other_models", "random", "wins")), **data}
+    parts = {
+        **dict.fromkeys(("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "wins")),
+        **data,
+    }
     return {
         f"{name}.md": environment.get_template(f"{name}.md.j2").render(parts)
         for name, part in PAGES.items()

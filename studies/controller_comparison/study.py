@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from controller_comparison.processes import FIXED, REST, SWEEP, VALIDATION_CASES, random_factors
+from controller_comparison.processes import BELOW_NOISE, FIXED, REST, SWEEP, VALIDATION_CASES, random_factors
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
 from fsw_scenario import standard_runs
@@ -32,6 +32,9 @@ KPIS = {
 VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
 #: A figure of merit is lost when it is worse than the best rival's by more than this share.
 TOLERANCE = 0.005
+#: Of the sensors' noise, over which a mean is taken.
+_SEEDS = 5
+_SMALL = {"disturbed": BELOW_NOISE, "rest": REST}
 #: The NMPC with the margins of the tight PI.
 MATCHED = f"{DEFAULT}, matched"
 #: Of the plant: a tick between command and drives.
@@ -116,6 +119,27 @@ def matched() -> dict[str, Any]:
         iae = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
         data["entrants"][name] = Loops(label, parameters).temperature() | iae | moved
     return data
+
+
+def below_noise() -> dict[str, dict[str, float]]:
+    """Mean absolute errors with disturbances that are smaller than a jump of the noise, and at rest; of some seeds."""
+    keys = ("iae_depth_mm_s", "iae_temperature_c_s")
+    jobs = {
+        (label, case, seed): Job(label, case, True, {"seed": seed})
+        for label in FINALISTS
+        for case in (BELOW_NOISE, REST)
+        for seed in range(1, _SEEDS + 1)
+    }
+    results = _run_all("disturbances below the noise", list(jobs.values()))
+
+    def rate(label: str, case: str, key: str) -> float:
+        runs = [results[jobs[label, case, seed]] for seed in range(1, _SEEDS + 1)]
+        return sum(run[key] / run["duration_s"] for run in runs) / _SEEDS
+
+    return {
+        label: {f"{name} {key}": 1e3 * rate(label, case, key) for key in keys for name, case in _SMALL.items()}
+        for label in FINALISTS
+    }
 
 
 def corridors() -> dict[str, dict[str, float]]:

@@ -94,6 +94,8 @@ def test_pages_say_what_was_measured(nominal):
     figures = ("tracking", "disturbances", "speed_rpm", "temperature_delay_s")
     peaks = ("peak_temperature_in_depth_step_up_c", "peak_temperature_in_depth_step_down_c")
     data["corridors"] = {"recentred": dict.fromkeys((*figures, *peaks), 7.0) | {"temperature_gain": math.inf}}
+    keys = (f"{case} {key}" for case in ("disturbed", "rest") for key in ("iae_depth_mm_s", "iae_temperature_c_s"))
+    data["below_noise"] = {DEFAULT: dict.fromkeys(keys, 2.5)}
     data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
     data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
@@ -103,7 +105,7 @@ def test_pages_say_what_was_measured(nominal):
     assert f"| {DEFAULT} | {iae:.3g} |" in page
     assert "1 of 2 won (50.0 %)" in pages["losses.md"]
     assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in pages["losses.md"]
-    assert "| > 8 | 2 |" in page
+    assert "| > 8 | 2 |" in page and f"| {DEFAULT} | 2.5 | 2.5 | 2.5 | 2.5 |" in page
     assert "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |" in pages["corridors.md"]
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
     assert "1 models with other gains" in (text := pages["other-models.md"]) and "on 0 of these models" in text
