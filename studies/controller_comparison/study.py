@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import yaml
 
 from controller_comparison.processes import BELOW_NOISE, FIXED, REST, SWEEP, VALIDATION_CASES, random_factors
@@ -134,7 +135,7 @@ def below_noise() -> dict[str, dict[str, float]]:
 
     def rate(label: str, case: str, key: str) -> float:
         runs = [results[jobs[label, case, seed]] for seed in range(1, _SEEDS + 1)]
-        return sum(run[key] / run["duration_s"] for run in runs) / _SEEDS
+        return float(np.mean([run[key] / run["duration_s"] for run in runs]))
 
     return {
         label: {f"{name} {key}": 1e3 * rate(label, case, key) for key in keys for name, case in _SMALL.items()}
