@@ -195,7 +195,9 @@ class Work:
         own = write_tunings(self._model, self._tuned, self._arguments.evaluations, origin, matched=True)
         gains = {name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"]) for name in NAMES}
         found = {name: robustness(one, model) for name, one in gains.items()}
-        rows = [*tune_rows(found, BOUNDS), *margin_rows(own.margins[DEFAULT], own.margins[TIGHT], model)]
+        rows = tune_rows(found, BOUNDS)
+        if self._arguments.controller == "nmpc":
+            rows += margin_rows(own.margins[DEFAULT], own.margins[TIGHT], model)
         return outcome_of(rows, _now(), "files in tuned")
 
     def apply(self) -> Outcome:

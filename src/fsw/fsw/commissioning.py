@@ -31,7 +31,7 @@ STEPS = {
     "check": Step("listen to sensors, drives and supervisor"),
     "experiment": Step("step the set-points for identification, and record", moves=True),
     "identify": Step("estimate the model from the experiment"),
-    "tune": Step("search for tunings of the model, all with the same margins"),
+    "tune": Step("search for tunings of the model, under bounds of robustness"),
     "apply": Step("give the tuning to the running controller, without a bump", moves=True),
     "accept": Step("step the set-points once more, and compare with what the model predicts", moves=True),
 }
