@@ -10,7 +10,7 @@ import numpy as np
 
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
-from fsw_analysis.figure_style import COLOURS, STYLE, colours_of, shade_phases
+from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.report import table, templates, wilson
 from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
@@ -269,12 +269,8 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
     """Steps, the needed power over the weld, and the error of the reduction."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
     validation = data["validation"]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 8.5), layout="constrained")
+    with sheet(9.0, 8.5, path) as figure:
         steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
         _draw_steps(steps, validation["steps"])
         weld, reduced = validation["weld"], validation["reduced"]
@@ -293,18 +289,12 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
                 power.annotate(
                     name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
                 )
-        figure.savefig(path)
 
 
 def draw_shares(data: Mapping[str, Any], path: Path) -> None:
     """The verdict by phase."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    with sheet(9.0, 3.2, path) as figure:
         _draw_shares(figure.subplots(), data["verdict"])
-        figure.savefig(path)
 
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:

@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure as Canvas
 
 from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
-from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, STYLE
+from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
 from fsw_scenario.standard_runs import JUDGED, Job, weld
 
@@ -44,8 +42,7 @@ def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> N
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
     """Per event: the front of the clairvoyant optima, and where the controllers are."""
-    with rc_context(STYLE):
-        canvas = Canvas(figsize=(11.0, 6.6), layout="constrained")
+    with sheet(11.0, 6.6, path) as canvas:
         axes = canvas.subplots(2, 3).flat
         for axis, (name, found) in zip(axes, bounds.items(), strict=True):
             points = np.array(sorted(found["front"]))
@@ -57,13 +54,11 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
         handles, labels = canvas.axes[0].get_legend_handles_labels()
         canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
         canvas.legend(handles, labels, loc="lower center", ncols=6, frameon=False)
-        canvas.savefig(path)
 
 
 def random_plants(data: Mapping[str, Any], path: Path) -> None:
     """Distribution of the default NMPC's IAE over the better PI's."""
-    with rc_context(STYLE):
-        canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
+    with sheet(8.0, 4.2, path) as canvas:
         axis = canvas.subplots()
         for colour, (key, values) in zip(COLOURS, data["ratios"].items(), strict=False):
             axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED[key])
@@ -78,4 +73,3 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
         axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axis.minorticks_off()
         axis.legend(loc="lower right")
-        canvas.savefig(path)

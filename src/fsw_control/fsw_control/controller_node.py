@@ -20,7 +20,7 @@ from fsw_control.host import answer
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import ParameterError, Source, load, load_source, problem
+from fsw_control.parameters import Source, load, load_source, problem
 from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
@@ -29,6 +29,7 @@ from fsw_control.topics_ros import LATEST, STREAM, display_publisher, subscribe_
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
+from fsw_schema.errors import InputError
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
@@ -247,7 +248,7 @@ def run_controller(
     about = f"Runs the controller {controller_name} as a node."
     try:
         specs = load_source(source) | load("fsw_control", "controller.yaml")
-    except ParameterError as error:
+    except InputError as error:
         print(f"{controller_name}: {error}", file=sys.stderr)
         return 2
     arguments = NodeArguments(f"fsw_{controller_name}", about, specs)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from fsw_control.parameters import ParameterError, ParameterSpec, load
+from fsw_control.parameters import ParameterSpec, load
+from fsw_schema.errors import InputError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -53,7 +54,7 @@ class ParameterValues:
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             wanted = self.values | self._own(parameters)
-        except ParameterError as error:
+        except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
             reason = check(wanted)

@@ -7,12 +7,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import STYLE
+from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
@@ -127,8 +125,7 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
     shown = list(found)
     tool = table["tool"].to_pylist()
     changes = [i + 0.5 for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(11.0, 1.6 * max(len(shown), 1) + 0.6), layout="constrained")
+    with sheet(11.0, 1.6 * max(len(shown), 1) + 0.6) as figure:
         axes = figure.subplots(max(len(shown), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
         for (left, right), name in zip(axes, shown, strict=False):
             one = found[name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import yaml
@@ -13,9 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 from fsw_control import messages_ros as convert
-from fsw_control.node_arguments import NodeArguments
-from fsw_control.node_main_ros import run
-from fsw_control.parameters import load as load_parameters
+from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
 from fsw_control.topics_ros import LATCHED, STREAM
@@ -111,10 +109,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is stopped; returns the exit code."""
-    about = NodeArguments("fsw_procedure", __doc__ or "", load_parameters("fsw_quality", "procedure_node.yaml"))
-    return run(ProcedureNode, args, about)
+main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_quality", "procedure_node.yaml"))
 
 
 if __name__ == "__main__":
