@@ -45,7 +45,7 @@ def test_tuning_file_over_a_preset(tmp_path):
     tuning = Settings.of({"preset": "paper", "tuning_file": str(file)}).tuning
     assert (tuning.weight_depth_per_mm, tuning.estimator.torque_noise_nm, tuning.trajectory) == (7, 9.0, "constant")
     assert tuning.dead_band_depth_mm == PAPER.dead_band_depth_mm
-    assert set(TRAJECTORIES) == {"approach", "constant", "cold_start", "recentred"}
+    assert set(TRAJECTORIES) == {"approach", "constant", "cold_start", "recentred", "recentred_ahead"}
 
 
 @pytest.mark.parametrize(
