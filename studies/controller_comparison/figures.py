@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from controller_comparison.study import CONTROLLERS
+from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
 from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
 from fsw_scenario.standard_runs import JUDGED, Job, weld
@@ -28,14 +27,11 @@ def set_point_steps(path: Path) -> None:
 
 
 def corridors(folder: Path) -> None:
-    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open."""
+    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open, and one more."""
     runs = []
-    for name in ("constant", "cold_start", "recentred"):
-        with TemporaryDirectory() as scratch:
-            file = Path(scratch) / f"{name}.yaml"
-            file.write_text(f"trajectory: {name}\n", encoding="utf-8")
-            job = Job("nmpc", "tracking", parameters={"preset": "paper", "tuning_file": str(file)})
-            runs.append(Run(name, weld(job)))
+    for name in ("constant", "cold_start", "recentred", "recentred_ahead"):
+        with paper_with(CORRIDORS[name]) as parameters:
+            runs.append(Run(name, weld(Job("nmpc", "tracking", parameters=parameters))))
     _draw(runs, (6, 7), folder, "corridors")
 
 
@@ -45,7 +41,7 @@ def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> N
 
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
-    """Per event: the front that no controller can pass, and where the controllers are."""
+    """Per event: the front of the clairvoyant optima, and where the controllers are."""
     with sheet(11.0, 6.6, path) as canvas:
         axes = canvas.subplots(2, 3).flat
         for axis, (name, found) in zip(axes, bounds.items(), strict=True):

@@ -52,7 +52,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         Makes the controller from its parameters.
     parameters : (str, str) or path, optional
         Package and file, or path, of the YAML that describes the controller's own parameters. At runtime they
-        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods.
+        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods. So does
+        the node's logger its ``use_logger(logger)``.
     """
 
     def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
@@ -60,6 +61,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._settings = declare(self, "fsw_control", "controller.yaml")
         self._own = ParameterValues(self, load_source(parameters))
         self._controller = make(self._own.values)
+        if hasattr(self._controller, "use_logger"):
+            self._controller.use_logger(self.get_logger())
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._controller.reset(initial)

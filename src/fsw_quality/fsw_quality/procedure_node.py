@@ -44,7 +44,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._told: dict[str, str] = {}
         self._tunings: dict[str, dict[str, Any]] = {}
         self._diagnostics = DiagnosticsPublisher(self)
-        self._snapshots = ParameterSnapshots(self, self._on_parameters)
+        self._snapshots = ParameterSnapshots(self, self._on_parameters, self._is_of_this_weld)
         self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATCHED)
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_event, STREAM)
@@ -63,6 +63,10 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._watch.state(message.actual_controller, message.actual_mode, message.requested_by)
         self._tell()
 
+    def _is_of_this_weld(self, node: str) -> bool:
+        home, _, name = node.rpartition("/")
+        return home == self.get_namespace().rstrip("/") and name.startswith(_PREFIX)
+
     def _on_parameters(self, node: str, text: str) -> None:
         self._take(node, yaml.safe_load(text)[node]["ros__parameters"])
 
@@ -72,11 +76,8 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
             self._take(message.node, {one.name: parameter_value_to_python(one.value) for one in changed})
 
     def _take(self, node: str, values: Mapping[str, Any]) -> None:
-        name = node.rpartition("/")[2]
-        if not name.startswith(_PREFIX):
-            return
         self._tunings[node] = self._tunings.get(node, {}) | dict(values)
-        self._watch.tuning(name.removeprefix(_PREFIX), self._tunings[node])
+        self._watch.tuning(node.rpartition("/")[2].removeprefix(_PREFIX), self._tunings[node])
         self._tell()
 
     def _tell(self) -> None:

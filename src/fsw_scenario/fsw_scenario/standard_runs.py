@@ -181,8 +181,8 @@ def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
             image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
             for (row, column), value in np.ndenumerate(table):
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
-            axis.set_title(f"{label}: IAE over {CONSERVATIVE}", fontsize=10.0)
-            axis.set_xticks(range(len(JUDGED)), [title.replace(", ", "\n") for title in JUDGED.values()])
+            axis.set_title(f"{label}: IAE\nover {CONSERVATIVE}", fontsize=9.0)
+            axis.set_xticks(range(len(JUDGED)), JUDGED.values(), rotation=30.0, ha="right", fontsize=8.0)
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])

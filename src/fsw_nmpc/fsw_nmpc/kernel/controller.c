@@ -102,7 +102,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
     if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
   }
   if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0 || t->rate_keep > 1.0) return 0;
-  if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED) return 0;
+  if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
   if (t->quality_temp_c[0] > t->quality_temp_c[1]) return 0;
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
