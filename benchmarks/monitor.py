@@ -77,7 +77,6 @@ CANISTER = {
     "canister": {"lid_mm": 0.0, "probe_radius_mm": 25.0, "shoulder_share": 0.2, "element_mm": 10.0, "modes": 128},
 }
 MODEL = ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction")
-AIMS_S = {"heat gain +20 %": 60.0, "depth gain +20 %": 60.0, "thermocouple 2 °C/min": 90.0}
 
 
 def scenario(process, seed, events, factors):
@@ -385,11 +384,7 @@ def main():
     show(figures)
     save(figures, chosen.json)
     if not quick:
-        text = (
-            templates(Path(__file__).parent)
-            .get_template("monitor.md.j2")
-            .render(figures=figures, tables=tables, limits=limits, aims=AIMS_S)
-        )
+        text = templates(Path(__file__).parent).get_template("monitor.md.j2").render(figures=figures, tables=tables)
         chosen.page.write_text(text, encoding="utf-8")
 
 
