@@ -79,6 +79,11 @@ def faster(rows: list[Row]) -> list[str]:
     return [row.name for row in rows if row.ratio is not None and row.ratio < 1.0]
 
 
+def missed(rows: list[Row]) -> bool:
+    """Whether a solver takes less than twice the time of this project's."""
+    return any(row.ratio is not None and row.ratio < 2.0 for row in rows if row.name != NAMES["own"])
+
+
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
     """Cost excess against time, a panel for each problem."""
     figure = Figure(figsize=(12, 4), layout="constrained")
@@ -122,7 +127,8 @@ def main() -> int:
     environment = templates(Path(__file__).parent)
     environment.filters["number"] = number
     quick = " --quick" if qp["paper_problems"] < ALL_PROBLEMS else ""
-    text = environment.get_template("solvers.md.j2").render(tables=tables, faster=faster, qp=qp, nlp=nlp, quick=quick)
+    page = environment.get_template("solvers.md.j2")
+    text = page.render(tables=tables, faster=faster, missed=missed, qp=qp, nlp=nlp, quick=quick)
     parsed.page.write_text(text, encoding="utf-8")
     return 0
 
