@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +29,8 @@ COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)
 SEED = 31415
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
+#: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
+NOISY_PLANTS, NOISE_SEEDS = 5, (1, 2, 3, 4)
 _HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
 SATURATED = str(_HERE / "saturated.yaml")
@@ -83,6 +85,31 @@ def figures(runs: Mapping[str, Figures]) -> Figures:
             return {"error": run["error"]}
     found = {f"{case} {key}": run[key] for case, run in runs.items() for key in KPIS if run.get(key) is not None}
     return found | {"swings": any(run["swings"] for run in runs.values())}
+
+
+def noise() -> dict[str, float]:
+    """Standard deviation of every figure over seeds of the sensor noise, as a share of it, without adaptation."""
+    plants = random_factors(NOISY_PLANTS, seed=SEED)
+    with controllers() as made, ProgressBar("noise of the figures") as bar:
+        label, parameters = made[FIXED]
+        jobs = {
+            (i, seed, case): Job(label, case, True, {**plant, "seed": seed}, parameters)
+            for i, plant in enumerate(plants)
+            for seed in NOISE_SEEDS
+            for case in CASES
+        }
+        found = run_all(list(jobs.values()), bar)
+    of = [
+        [figures({case: found[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
+        for i in range(NOISY_PLANTS)
+    ]
+    return {key: _scatter([[run[key] for run in runs] for runs in of]) for key in of[0][0] if key != "swings"}
+
+
+def _scatter(values: Sequence[Sequence[float]]) -> float:
+    """Root mean square over plants (rows) of the standard deviation over the mean of their values."""
+    table = np.array(values)
+    return float(np.sqrt(np.mean((table.std(axis=1, ddof=1) / table.mean(axis=1)) ** 2)))
 
 
 def nominal() -> dict[str, dict[str, Any]]:

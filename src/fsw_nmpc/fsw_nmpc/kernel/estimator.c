@@ -41,6 +41,9 @@
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
 #define THERMAL_GAIN_STEP 0.01 /* per tick, so that nothing jumps */
+#define MISFIT_KEEP 0.98       /* about five seconds */
+#define LARGEST_MISFIT 6.0     /* 1 where innovations are as expected, up to 4 with gains and delays within these bounds */
+#define GIVEN_UP_S 0.02        /* of the delay per tick, when it is given up */
 #define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
@@ -165,7 +168,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = 0.0;
-  e->is_excited = e->heated_ticks = e->is_telling = 0;
+  e->misfit = 1.0;
+  e->is_excited = e->heated_ticks = e->is_telling = e->is_refuted = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -190,7 +194,8 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->a[FSW_TOOL][FSW_THERMAL_GAIN] = mode[9] * e->x[FSW_HEAT];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
-  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep;
+  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = t->rate_keep[0];
+  e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep[1];
 }
 
 /* Whether a state keeps its estimate and its variance, whatever the measurements are. */
@@ -319,8 +324,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   x[FSW_MOTOR] = begin + rise + friction + motor_decay * rest;
   x[FSW_DEPTH_OFFSET] = t->offset_keep * x[FSW_DEPTH_OFFSET] + FSW_TICK_S * x[FSW_DEPTH_RATE];
   x[FSW_TEMP_OFFSET] = t->offset_keep * x[FSW_TEMP_OFFSET] + FSW_TICK_S * x[FSW_TEMP_RATE];
-  x[FSW_DEPTH_RATE] *= t->rate_keep;
-  x[FSW_TEMP_RATE] *= t->rate_keep;
+  x[FSW_DEPTH_RATE] *= t->rate_keep[0];
+  x[FSW_TEMP_RATE] *= t->rate_keep[1];
   for (int k = 0; k < 3 * (m->n_history - 1); k++) e->history[k] = e->history[k + 3];
   double *newest = e->history + 3 * (m->n_history - 1);
   newest[0] = kw * begin - m->operating_power_kw;
@@ -380,6 +385,10 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
+  if (e->heated_ticks > 0) { /* they may be those of gain and delay */
+    e->lasting *= LASTING_KEEP;
+    return;
+  }
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
@@ -389,6 +398,19 @@ static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
   e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
   e->lasting = 0.0;
+}
+
+/* Whether the temperature contradicts any gain and delay: then the model's are nearer to the truth than what was found. */
+static void judge_fit(fsw_estimator *e, const fsw_nmpc_tuning *t) {
+  if (e->heated_ticks == 0 || t->walk[FSW_THERMAL_GAIN] + t->walk[FSW_DELAY] == 0.0) {
+    e->misfit = 1.0;
+    e->is_refuted = 0;
+    return;
+  }
+  const double most = t->jump_sigmas * t->jump_sigmas;
+  const double square = e->innovation[TEMPERATURE] * e->innovation[TEMPERATURE] / e->expected[TEMPERATURE];
+  e->misfit = MISFIT_KEEP * e->misfit + (1.0 - MISFIT_KEEP) * (square < most ? square : most);
+  if (e->misfit > LARGEST_MISFIT) e->is_refuted = 1;
 }
 
 static void clear_row(double row[N]) {
@@ -430,9 +452,14 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
     widen_heat(e, m, t);
+    judge_fit(e, t);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
+  if (e->is_refuted) {
+    e->x[FSW_THERMAL_GAIN] = 1.0;
+    e->x[FSW_DELAY] -= fsw_clip(e->x[FSW_DELAY], -GIVEN_UP_S, GIVEN_UP_S);
+  }
   const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
   e->x[FSW_THERMAL_GAIN] = fsw_clip(wanted, gain - THERMAL_GAIN_STEP, gain + THERMAL_GAIN_STEP);
   const double latest = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
@@ -444,7 +471,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, in);
   e->is_telling =
-      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
+      e->heated_ticks > 0 && !e->is_refuted && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
   predict(e, m, t);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;

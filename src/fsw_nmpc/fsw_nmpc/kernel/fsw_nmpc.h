@@ -103,7 +103,7 @@ typedef struct {
   double noise[3];             /* standard deviations: depth, torque, temperature */
   double walk[FSW_STATES];     /* random walk of each state per tick */
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
-  double rate_keep;            /* likewise of their rates */
+  double rate_keep[2];         /* likewise of their rates */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
   double drift_sigmas;         /* innovations of the depth whose recent sum is further off are a drift; 0: never */
   double heat_sigmas;          /* innovations of the temperature whose sum over seconds is further off are heat; 0: never */
@@ -202,6 +202,8 @@ typedef struct {
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
+  double misfit;                           /* fading mean of the squares of the temperature's innovations meanwhile */
+  int is_refuted;                          /* whether it was so large that no gain and delay explain them */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
