@@ -38,8 +38,6 @@ SATURATED = str(_HERE / "saturated.yaml")
 RAMP, SINE, NOTHING = (str(_HERE / f"{name}.yaml") for name in ("ramp", "sine", "nothing"))
 #: Depth by which the tool itself jumps, and when; the torque feels it.
 FELT_MM, FELT_S = 0.1, 10.0
-#: A drift of the depth is believed sooner, for what that gains and costs.
-SOONER = f"{ADAPTIVE}, drift_sigmas 3"
 #: What the figure compares where the speed is at its bound.
 PRIORITIES = {
     TIGHT: (TIGHT, {}),
@@ -54,10 +52,7 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "not_adapting.yaml"
         file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0, heat_sigmas: 0.0}\n", encoding="utf-8")
-        sooner = Path(scratch) / "sooner.yaml"
-        sooner.write_text("estimator: {drift_sigmas: 3.0}\n", encoding="utf-8")
-        own = {FIXED: (ADAPTIVE, {"tuning_file": str(file)}), SOONER: (ADAPTIVE, {"tuning_file": str(sooner)})}
-        yield {name: (name, {}) for name in COLUMNS} | own
+        yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
 
 
 def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
@@ -170,7 +165,7 @@ class _Struck:
 
 def drifts() -> dict[str, dict[str, list[float]]]:
     """Ramp and sine of the depth: IAE [mm s]; real jumps: peak of the temperature [degC]. Without and with noise."""
-    columns = (*RIVALS, DEFAULT, ADAPTIVE, SOONER)
+    columns = (*RIVALS, DEFAULT, ADAPTIVE)
     data: dict[str, dict[str, list[float]]] = {}
     with controllers() as made:
         for column in columns:

@@ -43,7 +43,7 @@
 #define THERMAL_GAIN_STEP 0.01 /* per tick, so that nothing jumps */
 #define MISFIT_KEEP 0.98       /* about five seconds */
 #define LARGEST_MISFIT 6.0     /* 1 where innovations are as expected, up to 4 with gains and delays within these bounds */
-#define GIVEN_UP_S 0.02        /* of the delay per tick, when it is given up */
+#define LATER_STEP_S 0.02      /* of a delay below 0 that is given up, per tick */
 #define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
@@ -400,7 +400,8 @@ static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc
   e->lasting = 0.0;
 }
 
-/* Whether the temperature contradicts any gain and delay: then the model's are nearer to the truth than what was found. */
+/* Whether the temperature contradicts any gain and delay within these bounds. A response that is later still passes for a
+ * weak one, so the command would grow; then neither is taken for less than the model's until the power has come to rest. */
 static void judge_fit(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   if (e->heated_ticks == 0 || t->walk[FSW_THERMAL_GAIN] + t->walk[FSW_DELAY] == 0.0) {
     e->misfit = 1.0;
@@ -424,7 +425,7 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
 
 static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
-  const double gain = e->x[FSW_THERMAL_GAIN];
+  const double gain = e->x[FSW_THERMAL_GAIN], delay = e->x[FSW_DELAY];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
   const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
@@ -456,14 +457,12 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
-  if (e->is_refuted) {
-    e->x[FSW_THERMAL_GAIN] = 1.0;
-    e->x[FSW_DELAY] -= fsw_clip(e->x[FSW_DELAY], -GIVEN_UP_S, GIVEN_UP_S);
-  }
-  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
+  const double least = e->is_refuted ? 1.0 : LEAST_THERMAL_GAIN;
+  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], least, LARGEST_THERMAL_GAIN);
   e->x[FSW_THERMAL_GAIN] = fsw_clip(wanted, gain - THERMAL_GAIN_STEP, gain + THERMAL_GAIN_STEP);
   const double latest = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
-  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], -latest, latest);
+  const double later = delay + LATER_STEP_S < 0.0 ? delay + LATER_STEP_S : 0.0;
+  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], e->is_refuted ? later : -latest, latest);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
@@ -471,7 +470,7 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, in);
   e->is_telling =
-      e->heated_ticks > 0 && !e->is_refuted && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
+      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
   predict(e, m, t);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;
