@@ -385,11 +385,8 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
-  if (e->heated_ticks > 0) { /* they may be those of gain and delay */
-    e->lasting *= LASTING_KEEP;
-    return;
-  }
-  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
+  /* innovations of a wrong delay are large, but change their sign */
+  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected * (e->misfit > 1.0 ? e->misfit : 1.0));
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
   if (!(e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
