@@ -41,9 +41,6 @@
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
 #define THERMAL_GAIN_STEP 0.01 /* per tick, so that nothing jumps */
-#define MISFIT_KEEP 0.98       /* about five seconds */
-#define LARGEST_MISFIT 6.0     /* 1 where innovations are as expected, up to 4 with gains and delays within these bounds */
-#define LATER_STEP_S 0.02      /* of a delay below 0 that is given up, per tick */
 #define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
@@ -168,8 +165,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = 0.0;
-  e->misfit = 1.0;
-  e->is_excited = e->heated_ticks = e->is_telling = e->is_refuted = 0;
+  e->is_excited = e->heated_ticks = e->is_telling = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -385,8 +381,7 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
-  /* innovations of a wrong delay are large, but change their sign */
-  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected * (e->misfit > 1.0 ? e->misfit : 1.0));
+  const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
   if (!(e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
@@ -395,20 +390,6 @@ static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
   e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
   e->lasting = 0.0;
-}
-
-/* Whether the temperature contradicts any gain and delay within these bounds. A response that is later still passes for a
- * weak one, so the command would grow; then neither is taken for less than the model's until the power has come to rest. */
-static void judge_fit(fsw_estimator *e, const fsw_nmpc_tuning *t) {
-  if (e->heated_ticks == 0 || t->walk[FSW_THERMAL_GAIN] + t->walk[FSW_DELAY] == 0.0) {
-    e->misfit = 1.0;
-    e->is_refuted = 0;
-    return;
-  }
-  const double most = t->jump_sigmas * t->jump_sigmas;
-  const double square = e->innovation[TEMPERATURE] * e->innovation[TEMPERATURE] / e->expected[TEMPERATURE];
-  e->misfit = MISFIT_KEEP * e->misfit + (1.0 - MISFIT_KEEP) * (square < most ? square : most);
-  if (e->misfit > LARGEST_MISFIT) e->is_refuted = 1;
 }
 
 static void clear_row(double row[N]) {
@@ -422,7 +403,7 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
 
 static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
-  const double gain = e->x[FSW_THERMAL_GAIN], delay = e->x[FSW_DELAY];
+  const double gain = e->x[FSW_THERMAL_GAIN];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
   const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
@@ -450,16 +431,13 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
     widen_heat(e, m, t);
-    judge_fit(e, t);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
-  const double least = e->is_refuted ? 1.0 : LEAST_THERMAL_GAIN;
-  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], least, LARGEST_THERMAL_GAIN);
+  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
   e->x[FSW_THERMAL_GAIN] = fsw_clip(wanted, gain - THERMAL_GAIN_STEP, gain + THERMAL_GAIN_STEP);
   const double latest = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
-  const double later = delay + LATER_STEP_S < 0.0 ? delay + LATER_STEP_S : 0.0;
-  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], e->is_refuted ? later : -latest, latest);
+  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], -latest, latest);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether

@@ -202,8 +202,6 @@ typedef struct {
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
-  double misfit;                           /* fading mean of the squares of the temperature's innovations meanwhile */
-  int is_refuted;                          /* whether it was so large that no gain and delay explain them: neither is below the model's */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
