@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before the first import of numpy, in test files
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("project", _PATIENT, max_examples=50)
+settings.register_profile("project", _PATIENT, max_examples=30)
 settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py --full
 settings.load_profile("project")
 

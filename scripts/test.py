@@ -51,6 +51,18 @@ def run(title: str, *command: str) -> int:
     return subprocess.run([sys.executable, "-m", *command], cwd=WORKSPACE).returncode
 
 
+def rewrite_assertions() -> None:
+    """Let pytest prepare all files of tests, in two halves; at the first run each worker would do all of it."""
+    if any((WORKSPACE / "test" / "__pycache__").glob("*-pytest-*.pyc")):
+        return
+    print("== preparing the tests", flush=True)
+    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq"]
+    halves = (["test", "studies", "runtime"], ["src"])
+    running = [subprocess.Popen([*collect, *half], cwd=WORKSPACE, stdout=subprocess.DEVNULL) for half in halves]
+    for one in running:
+        one.wait()
+
+
 def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
@@ -78,6 +90,7 @@ def main() -> int:
         codes.append(run("pytest", "pytest", *(["-m", "not slow"] if fast else []), *(arguments or PARALLEL)))
     else:
         chosen = "" if full else " and not full"
+        rewrite_assertions()
         profile = ["--hypothesis-profile=full"] if full else []
         codes.append(run("pytest", "pytest", *PARALLEL, *profile, "-m", f"not real_time{chosen}"))
         codes.append(run("pytest in real time", "pytest", *REAL_TIME, "-m", f"real_time{chosen}"))

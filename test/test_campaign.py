@@ -84,6 +84,7 @@ def test_results_do_not_depend_on_the_number_of_workers(file, tmp_path, expected
     assert found(tmp_path / "out") == expected
 
 
+@pytest.mark.full
 def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
     with engine.connect(None, 2) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
         victims = list(client.run(os.getpid).values())[:1]

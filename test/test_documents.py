@@ -222,6 +222,7 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatc
         build_docs.with_rows(page.replace("IAE depth -->", "IAE depth; no such row -->"))
 
 
+@pytest.mark.full
 def test_the_page_of_solvers_says_by_its_figures_which_are_faster(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

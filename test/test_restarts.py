@@ -163,6 +163,7 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
 
 
 @pytest.mark.requirement("S21", "S25")
+@pytest.mark.full
 def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
     """The set-point those that replace each other, the safe stop even the last of them."""
     weld = make_weld(standby=True)

@@ -46,7 +46,7 @@ def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
 
 
 @pytest.mark.requirement("S6")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)])
 @pytest.mark.parametrize(("active", "other"), [("decentral", "nmpc"), ("nmpc", "decentral")])
 @pytest.mark.parametrize("lockstep", [pytest.param(False, marks=IN_REAL_TIME), True])
 def test_the_active_controller_is_killed_or_stopped(launch, table, active, other, number, lockstep):

@@ -94,6 +94,7 @@ def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
 
 
 @pytest.mark.requirement("S8")
+@pytest.mark.full
 def test_a_third_of_the_measurements_is_lost(launch, table):
     weld = launch(lockstep=True, relayed=True)
     first = weld.restore()
@@ -108,7 +109,7 @@ def test_a_third_of_the_measurements_is_lost(launch, table):
 
 
 @pytest.mark.requirement("S15")
-@pytest.mark.parametrize("hours", [1, -1])
+@pytest.mark.parametrize("hours", [pytest.param(1, marks=pytest.mark.full), -1])
 def test_the_clock_of_the_measurements_jumps(launch, table, hours):
     weld = launch(lockstep=True, relayed=True)
     first = weld.restore()

@@ -95,7 +95,7 @@ def test_the_standby_falls_silent(launch, table, number):
 
 
 @pytest.mark.requirement("S24")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.full)])
 def test_the_recorder_falls_silent(launch, table, number):
     weld = launch(lockstep=True, standby=True)
     weld.restore()

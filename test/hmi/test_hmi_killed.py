@@ -41,6 +41,7 @@ def launcher(tmp_path):
         yield one
 
 
+@pytest.mark.full
 def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launcher, tmp_path):
     launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
     url = wait_for_text(launcher, "hmi", r"http://\S+")

@@ -133,6 +133,7 @@ def test_silent_connection_is_told_and_comes_back(fake, open_page):
 
 
 @pytest.mark.requirement("S16")
+@pytest.mark.full
 def test_page_whose_script_hangs_is_veiled_without_it(fake, open_page):
     page = ready(open_page(fake.url, patient=False))
     # the animation runs towards the veil by itself; only news of the weld wind it back

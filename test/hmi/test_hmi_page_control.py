@@ -167,7 +167,9 @@ def test_name_that_may_be_confused_is_not_sent(fake, open_page):
     assert fake.requests == []
 
 
-@pytest.mark.parametrize("size", [(390, 844), (1280, 800)], ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize(
+    "size", [(390, 844), pytest.param((1280, 800), marks=pytest.mark.full)], ids="{0[0]}x{0[1]}".format
+)
 def test_request_leaves_the_safe_stop_free(fake, person, size):
     otto, olga = person(fake, "otto", size=size), person(fake, "olga")
     press(otto, "Take control")

@@ -20,7 +20,7 @@ def by_default(*sizes):
     return [pytest.param(size, marks=[] if size in sizes else pytest.mark.full) for size in SIZES]
 
 
-@pytest.mark.parametrize("size", by_default(*SIZES[:2], PANEL), ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("size", by_default(PHONE, PANEL), ids="{0[0]}x{0[1]}".format)
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
     fake.history_report = "report.html"
@@ -134,7 +134,9 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
     shot(page, "controllers_{}x{}".format(*size))
 
 
-@pytest.mark.parametrize("what", ["good", "phone", "alarms", "form", "bag"])
+@pytest.mark.parametrize(
+    "what", ["good", "form", *(pytest.param(one, marks=pytest.mark.full) for one in ("phone", "alarms", "bag"))]
+)
 def test_accessible_by_axe(fake, bags, open_page, axe, what):
     page = open_page(bags.url if what == "bag" else fake.url, *(PHONE if what == "phone" else PANEL))
     if what == "bag":

@@ -174,6 +174,7 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
 
 
+@pytest.mark.full
 def test_page_killed_in_a_ramp_changes_nothing(weld):
     """In lockstep, so that no tick is lost because the machine is busy."""
     page = weld.start_weld(lockstep=True)

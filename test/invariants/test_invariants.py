@@ -89,4 +89,4 @@ class CellMachine(RuleBasedStateMachine):
 
 
 TestCell = pytest.mark.slow(CellMachine.TestCase)
-TestCell.settings = hypothesis_settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestCell.settings = hypothesis_settings(stateful_step_count=30, deadline=None)

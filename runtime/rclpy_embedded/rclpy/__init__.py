@@ -61,7 +61,7 @@ def get_global_executor() -> Executor:
             global _executor
             executor, _executor = _executor, None
             # After a signal, spin has to see that the context went down, not its executor.
-            if executor is not None and not context._signaled:
+            if executor is not None and not context._interrupted:
                 executor.shutdown()
 
         context.on_shutdown(reset)

@@ -31,10 +31,8 @@ class Context:
         self._callbacks: list[WeakMethod[MethodType] | Callable[[], None]] = []
         self._session: Session | None = None
         self.arguments = Arguments()
-        # A signal came, and its shutdown is under way in another thread.
+        # A signal came: the shutdown, which executors have to report as external, is under way in another thread.
         self._interrupted = False
-        # After a signal, executors have to report the shutdown as external.
-        self._signaled = False
         self._nodes: WeakMembers[Any] = WeakMembers()
         self._wakers: WeakMembers[Any] = WeakMembers()
 
@@ -95,12 +93,11 @@ class Context:
         if self._session is not None:
             self._session.close()
 
-    def _shutdown(self, *, by_signal: bool = False) -> bool:
+    def _shutdown(self) -> bool:
         with self._lock:
             if self._session is None or self._session.is_shut_down:
                 return False
             self._session.is_shut_down = True
-            self._signaled = by_signal
             initialized.discard(self)
             if not initialized:
                 system.finish()

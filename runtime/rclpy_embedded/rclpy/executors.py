@@ -53,32 +53,6 @@ class ConditionReachedException(Exception):  # noqa: N818
     """The future is done."""
 
 
-def _take(entity: Any) -> Callable[[], Any] | None:
-    try:
-        return entity._take()  # type: ignore[no-any-return]
-    except (InvalidHandle, RCLError):  # destroyed in the meantime
-        return None
-
-
-async def _run(entity: Any, executor: Executor) -> None:
-    if entity.callback_group.beginning_execution(entity):
-        await _call(_take(entity), entity, executor)
-
-
-async def _call(callback: Callable[[], Any] | None, entity: Any, executor: Executor) -> None:
-    try:
-        for future in getattr(entity, "_futures", ()):
-            future._set_executor(executor)
-        if callback is not None:
-            result = callback()
-            if inspect.iscoroutine(result):
-                await result
-    finally:
-        entity.callback_group.ending_execution(entity)
-        if executor._blocked:
-            executor._entities_changed = True
-
-
 class Executor:
     """Base class of the executors."""
 
@@ -274,7 +248,33 @@ class Executor:
         return None
 
     def _task_of(self, entity: Any) -> Task | None:
-        return Task(_run(entity, self), executor=self)
+        """Take what there is for an entity's callback; None if that is nothing or the callback must not start.
+
+        Taken in the thread that waits: otherwise the same message would wake it again before another one takes it.
+        """
+        group, callback = entity.callback_group, None
+        if not group.beginning_execution(entity):
+            return None
+        try:
+            callback = entity._take()
+        except (InvalidHandle, RCLError):  # destroyed in the meantime
+            return None
+        finally:
+            if callback is None:
+                group.ending_execution(entity)
+        return None if callback is None else Task(self._call(callback, entity), executor=self)
+
+    async def _call(self, callback: Callable[[], Any], entity: Any) -> None:
+        try:
+            for future in getattr(entity, "_futures", ()):
+                future._set_executor(self)
+            result = callback()
+            if inspect.iscoroutine(result):
+                await result
+        finally:
+            entity.callback_group.ending_execution(entity)
+            if self._blocked:
+                self._entities_changed = True
 
     def _rebuild(self) -> None:
         """Collect the entities again, without those whose callback group does not let them start."""
@@ -381,24 +381,16 @@ class MultiThreadedExecutor(Executor):
     def _spin_once(self, timeout_sec: float | None, condition: Callable[[], bool]) -> None:
         with self._working:
             try:
-                task, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, lambda: condition() or bool(self._failed))
+                task, entity, _ = self.wait_for_ready_callbacks(
+                    timeout_sec, None, lambda: condition() or bool(self._failed)
+                )
+                if entity is not None and not self.can_execute(entity):
+                    self._entities_changed = True  # nor any other of its group: do not wait for those
                 self._submit(task)
             except (ShutdownException, TimeoutException, ConditionReachedException):
                 pass
             if self._failed:
                 raise self._failed.popleft().exception()  # type: ignore[misc]
-
-    def _task_of(self, entity: Any) -> Task | None:
-        # Taken here, in the thread that waits: otherwise the same message would wake it again before a thread takes it.
-        if not entity.callback_group.beginning_execution(entity):
-            return None
-        callback = _take(entity)
-        if callback is None:
-            entity.callback_group.ending_execution(entity)
-            return None
-        if not self.can_execute(entity):  # nor any other of its group: do not wait for those
-            self._entities_changed = True
-        return Task(_call(callback, entity, self), executor=self)
 
     def _submit(self, task: Task) -> None:
         task._resumable = False  # not twice

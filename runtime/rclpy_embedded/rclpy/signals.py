@@ -40,7 +40,7 @@ def _watch(fd: int) -> None:
         if received[0] in _previous:
             for context in initialized:
                 try:
-                    context._shutdown(by_signal=True)
+                    context.try_shutdown()
                 except Exception:  # a callback for the shutdown; the other contexts and further signals still count
                     traceback.print_exc()
     os.close(fd)

@@ -1,21 +1,43 @@
-"""Definitions of interfaces by name. The files are those that `search.definitions` finds."""
+"""Definitions of interfaces by name. The files are those that `search.definitions` finds.
+
+What a service or an action is made of is written in the language of message definitions, too: the parts that its file
+holds, and those that rosidl adds to each.
+"""
 
 import re
 from functools import cache
 from pathlib import Path
 
 from . import definition as d
-from .parser import parse_action, parse_service, parse_structure
+from .parser import PARTS, parse_structure, split_parts
 from .search import INTERFACE_PATH, KINDS, definitions
 
 _SERVICE_PART = r"_(Request|Response|Event)"
 _ACTION_SERVICE = r"_(SendGoal|GetResult)"
 #: What the name of a service, and that of an action, is followed by in the names of its parts.
-_PARTS = {
+_ENDINGS = {
+    "msg": re.compile("(?!)"),
     "srv": re.compile(rf"{_SERVICE_PART}$"),
     "action": re.compile(rf"(_(Goal|Result|Feedback|FeedbackMessage)|{_ACTION_SERVICE}({_SERVICE_PART})?)$"),
 }
 _SERVICE = re.compile(rf"[^/]+/(srv/(?!.*{_SERVICE_PART}$)|action/.*{_ACTION_SERVICE}$)")
+
+#: Texts of what every service has, by the end of its name, beside request and response.
+_ADDED_TO_SERVICE = {
+    "": "{name}_Request request_message\n{name}_Response response_message\n{name}_Event event_message\n",
+    # As service introspection publishes it; part of the service's type hash.
+    "_Event": "service_msgs/ServiceEventInfo info\n{name}_Request[<=1] request\n{name}_Response[<=1] response\n",
+}
+#: The same for an action, beside goal, result and feedback; its services get what every service has.
+_ADDED_TO_ACTION = {
+    "": "{name}_Goal goal\n{name}_Result result\n{name}_Feedback feedback\n{name}_SendGoal send_goal_service\n"
+    "{name}_GetResult get_result_service\n{name}_FeedbackMessage feedback_message\n",
+    "_SendGoal_Request": "unique_identifier_msgs/UUID goal_id\n{name}_Goal goal\n",
+    "_SendGoal_Response": "bool accepted\nbuiltin_interfaces/Time stamp\n",
+    "_GetResult_Request": "unique_identifier_msgs/UUID goal_id\n",
+    "_GetResult_Response": "int8 status\n{name}_Result result\n",
+    "_FeedbackMessage": "unique_identifier_msgs/UUID goal_id\n{name}_Feedback feedback\n",
+}
 
 
 @cache
@@ -24,22 +46,35 @@ def structure(type_name: str) -> d.Structure:
 
     Raises d.UnknownInterfaceError if there is none and d.InvalidInterfaceError if it is wrong.
     """
-    kind = split_name(type_name)[1]
-    return interface(_PARTS[kind].sub("", type_name) if kind in _PARTS else type_name)[type_name]
+    path, texts = interface(_whole(type_name))
+    return parse_structure(texts[type_name], type_name, path)
 
 
-def interface(type_name: str) -> dict[str, d.Structure]:
-    """Return all that a definition defines, by name: a message, or a service or an action and its parts."""
-    kind = split_name(type_name)[1]
+@cache
+def interface(type_name: str) -> tuple[str, dict[str, str]]:
+    """Return the file of a message, a service or an action, and the texts of this and of its parts by name."""
+    kind, path = split_name(type_name)[1], _find(type_name)
+    text = _read(path)
     if kind == "msg":
-        path = _find(type_name)
-        return {type_name: parse_structure(_read(path), type_name, path)}
-    return (_service if kind == "srv" else _action)(type_name)
+        return path, {type_name: text}
+    found = split_parts(text, type_name, path, PARTS[kind])
+    added = [(type_name, _ADDED_TO_SERVICE)]
+    if kind == "action":
+        services = f"{type_name}_SendGoal", f"{type_name}_GetResult"
+        added = [(type_name, _ADDED_TO_ACTION), *((service, _ADDED_TO_SERVICE) for service in services)]
+    for name, texts in added:
+        found |= {name + end: text.format(name=name) for end, text in texts.items()}
+    return path, found
+
+
+def _whole(type_name: str) -> str:
+    """Name of the message, service or action that something is part of."""
+    return _ENDINGS[split_name(type_name)[1]].sub("", type_name)
 
 
 def attributes(type_name: str) -> dict[str, str]:
     """Return the classes that the class of a service or an action has as attributes, as names of interfaces."""
-    parts = ("Request", "Response", "Event") if role(type_name) == "service" else ("Goal", "Result", "Feedback")
+    parts = (*PARTS["srv"], "Event") if role(type_name) == "service" else PARTS["action"]
     return {part: f"{type_name}_{part}" for part in parts}
 
 
@@ -54,71 +89,18 @@ def implementation(type_name: str) -> dict[str, str]:
     }
 
 
-def _made_of(type_name: str, **parts: str) -> d.Structure:
-    """Structure of fields that are structures themselves."""
-    return d.Structure(type_name, tuple(d.Member(name, d.namespaced(part)) for name, part in parts.items()))
-
-
-def _with_event(type_name: str, request: d.Structure, response: d.Structure) -> dict[str, d.Structure]:
-    """A service by the names of its parts."""
-    # As service introspection publishes it; part of the service's type hash.
-    event = d.Structure(
-        f"{type_name}_Event",
-        (
-            d.Member("info", d.namespaced("service_msgs/msg/ServiceEventInfo")),
-            d.Member("request", d.BoundedSequence(d.namespaced(request.type_name), 1)),
-            d.Member("response", d.BoundedSequence(d.namespaced(response.type_name), 1)),
-        ),
-    )
-    parts = {"request_message": request, "response_message": response, "event_message": event}
-    whole = _made_of(type_name, **{name: part.type_name for name, part in parts.items()})
-    return {found.type_name: found for found in (whole, *parts.values())}
-
-
-@cache
-def _service(type_name: str) -> dict[str, d.Structure]:
-    path = _find(type_name)
-    return _with_event(type_name, *parse_service(_read(path), type_name, path))
-
-
-@cache
-def _action(type_name: str) -> dict[str, d.Structure]:
-    """An action by the names of its parts, as rosidl_parser makes them."""
-    path = _find(type_name)
-    goal, result, feedback = parse_action(_read(path), type_name, path)
-    uuid, time = "unique_identifier_msgs/msg/UUID", d.Member("stamp", d.namespaced("builtin_interfaces/msg/Time"))
-    send, get = f"{type_name}_SendGoal", f"{type_name}_GetResult"
-    accepted, status = d.Member("accepted", d.BasicType("boolean")), d.Member("status", d.BasicType("int8"))
-    found = {part.type_name: part for part in (goal, result, feedback)}
-    found |= _with_event(
-        send,
-        _made_of(f"{send}_Request", goal_id=uuid, goal=goal.type_name),
-        d.Structure(f"{send}_Response", (accepted, time)),
-    )
-    found |= _with_event(
-        get,
-        _made_of(f"{get}_Request", goal_id=uuid),
-        d.Structure(f"{get}_Response", (status, d.Member("result", d.namespaced(result.type_name)))),
-    )
-    message = _made_of(f"{type_name}_FeedbackMessage", goal_id=uuid, feedback=feedback.type_name)
-    whole = _made_of(
-        type_name,
-        goal=goal.type_name,
-        result=result.type_name,
-        feedback=feedback.type_name,
-        send_goal_service=send,
-        get_result_service=get,
-        feedback_message=message.type_name,
-    )
-    return found | {part.type_name: part for part in (message, whole)}
-
-
 def source(type_name: str) -> tuple[str, str]:
     """Return kind (``msg``, ``srv``, ``action``) and text of an interface; parts are ``implicit``, without text."""
-    kind = split_name(type_name)[1]
-    if kind in _PARTS and _PARTS[kind].search(type_name):
+    if _whole(type_name) != type_name:
         return "implicit", ""
-    return kind, _read(_find(type_name))
+    return split_name(type_name)[1], _read(_find(type_name))
+
+
+def message_text(type_name: str) -> str:
+    """Text of a message, as in its file, or that of a part of a service or an action as if it were one."""
+    package, kind, _ = split_name(type_name)
+    text = interface(_whole(type_name))[1][type_name]
+    return text if kind == "msg" else text.lstrip("\n").replace(f"{package}/{kind}/", f"{package}/")
 
 
 def split_name(type_name: str) -> tuple[str, str, str]:
@@ -135,7 +117,7 @@ def role(type_name: str) -> str:
     """Return what a name stands for: "service", "action" (each as a whole) or "message" (also a part of these)."""
     if _SERVICE.match(type_name):
         return "service"
-    return "action" if "/action/" in type_name and not _PARTS["action"].search(type_name) else "message"
+    return "action" if "/action/" in type_name and not _ENDINGS["action"].search(type_name) else "message"
 
 
 def _read(path: str) -> str:

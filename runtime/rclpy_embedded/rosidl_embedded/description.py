@@ -55,44 +55,10 @@ def interface_definition(type_name: str) -> str:
     Parts of services and actions, for which rosbag2 writes nothing, are written like messages.
     """
     main, *referenced = _with_references(type_name)
-    text = _message_text(main)
+    text = catalogue.message_text(main)
     for name in referenced:
         package, _, short = name.split("/")
-        text += f"\n{'=' * 80}\nMSG: {package}/{short}\n{_message_text(name)}"
-    return text
-
-
-def _message_text(type_name: str) -> str:
-    encoding, text = catalogue.source(type_name)
-    if encoding != "implicit":
-        return text
-    structure = catalogue.structure(type_name)
-    lines = [f"{_type_text(field.type)} {field.name}\n" for field in structure.fields]
-    for constant in structure.constants:
-        value = constant.value[0] if isinstance(constant.value, bytes) else constant.value
-        lines.append(f"{_type_text(constant.type)} {constant.name}={value!r}\n")
-    return "".join(lines)
-
-
-def _type_text(type_: d.AbstractType) -> str:
-    """Type as it stands in a ``.msg`` file."""
-    element = d.element_type(type_)
-    if isinstance(element, d.NamespacedType):
-        text = f"{element.namespaces[0]}/{element.name}"
-    elif isinstance(element, d.BasicType):
-        text = {"float": "float32", "double": "float64", "boolean": "bool", "octet": "byte"}.get(
-            element.typename, element.typename
-        )
-    else:
-        bound = element.maximum_size if isinstance(element, d.AbstractGenericString) else None
-        text = ("wstring" if isinstance(element, d.AbstractWString) else "string") + (f"<={bound}" if bound else "")
-    match type_:
-        case d.Array(size=size):
-            return f"{text}[{size}]"
-        case d.BoundedSequence(maximum_size=limit):
-            return f"{text}[<={limit}]"
-        case d.AbstractSequence():
-            return f"{text}[]"
+        text += f"\n{'=' * 80}\nMSG: {package}/{short}\n{catalogue.message_text(name)}"
     return text
 
 

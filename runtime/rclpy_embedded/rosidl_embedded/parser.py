@@ -23,7 +23,9 @@ _TYPE = re.compile(
 _STRING_ITEM = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|[^,]+?)\s*(?:,|$)""")
 _FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 _CONSTANT_NAME = re.compile(r"[A-Z](_?[A-Z0-9])*")
-_STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+_STRUCTURE_NAME = re.compile(r"\w+/(msg/[A-Z][A-Za-z0-9]*|(srv|action)/[A-Z]\w*)")
+#: The parts that the text of a service, and that of an action, consists of.
+PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
 
 
 def parse_type(text: str, package: str) -> d.AbstractType:
@@ -52,7 +54,7 @@ def _element_type(base: str, bound: int, package: str) -> d.AbstractType:
     parts = base.split("/") if "/" in base else [package, base]
     if len(parts) == 2:
         parts.insert(1, "msg")
-    if len(parts) != 3 or parts[1] != "msg" or not _STRUCTURE_NAME.fullmatch(parts[2]):
+    if not _STRUCTURE_NAME.fullmatch("/".join(parts)):
         raise ValueError(f"{base!r} is neither a basic type nor the name of a message")
     return d.NamespacedType(parts[:2], parts[2])
 
@@ -145,27 +147,16 @@ def _member(line: str, package: str) -> tuple[d.Member, bool]:
     return d.Member(name, type_, parse_value(default, type_) if default.strip() else None), False
 
 
-def parse_service(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure]:
-    """Read a ``.srv`` text into request and response."""
-    request, response = _parse_parts(text, type_name, origin, "a service", ("Request", "Response"))
-    return request, response
-
-
-def parse_action(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure, d.Structure]:
-    """Read an ``.action`` text into goal, result and feedback."""
-    goal, result, feedback = _parse_parts(text, type_name, origin, "an action", ("Goal", "Result", "Feedback"))
-    return goal, result, feedback
-
-
-def _parse_parts(text: str, type_name: str, origin: str, kind: str, names: tuple[str, ...]) -> list[d.Structure]:
+def split_parts(text: str, type_name: str, origin: str, names: tuple[str, ...]) -> dict[str, str]:
+    """Return the texts between the lines ``---`` by the names of the structures that they define."""
     lines = text.splitlines()
     marks = [number for number, line in enumerate(lines) if line.partition("#")[0].strip() == "---"]
     if len(marks) != len(names) - 1:
-        number = "exactly one line" if len(names) == 2 else "exactly two lines"
-        places = " and ".join([f"{names[0].lower()} and {names[1].lower()}", *(name.lower() for name in names[2:])])
-        raise d.InvalidInterfaceError(f"{origin}: {kind} needs {number} '---' between {places}")
-    parts = []
-    for name, start, end in zip(names, [0, *(mark + 1 for mark in marks)], [*marks, len(lines)], strict=True):
-        # Blank lines keep the line numbers of error messages true.
-        parts.append(parse_structure("\n" * start + "\n".join(lines[start:end]), f"{type_name}_{name}", origin))
-    return parts
+        places = " and ".join(name.lower() for name in names)
+        raise d.InvalidInterfaceError(f"{origin}: needs exactly {len(names) - 1} x '---', between {places}")
+    starts, ends = [0, *(mark + 1 for mark in marks)], [*marks, len(lines)]
+    # Blank lines keep the line numbers of error messages true.
+    return {
+        f"{type_name}_{name}": "\n" * start + "".join(f"{line}\n" for line in lines[start:end])
+        for name, start, end in zip(names, starts, ends, strict=True)
+    }

@@ -30,7 +30,8 @@ def stub_text(package: str, kind: str) -> str:
     names = sorted(search.definitions(package, kind))
     imported = {"action_msgs.msg", "action_msgs.srv"} if names and kind == "action" else set()
     for name in names:
-        for type_name, structure in catalogue.interface(f"{package}/{kind}/{name}").items():
+        for type_name in catalogue.interface(f"{package}/{kind}/{name}")[1]:
+            structure = catalogue.structure(type_name)
             is_message = catalogue.role(type_name) == "message"
             lines += ["", *(_class_lines(structure) if is_message else _whole_lines(type_name))]
             imported |= {reference.rpartition("/")[0].replace("/", ".") for reference in structure.references()}

@@ -18,7 +18,7 @@ import rosidl_embedded
 from rosidl_embedded import catalogue, search, stubs
 from rosidl_embedded.definition import InvalidInterfaceError, UnknownInterfaceError
 from rosidl_embedded.description import type_sources
-from rosidl_embedded.parser import parse_action, parse_service, parse_structure
+from rosidl_embedded.parser import PARTS, parse_structure, split_parts
 from rosidl_embedded.typesupport import (
     get_interface,
     get_message,
@@ -160,19 +160,25 @@ def test_field_defined_twice() -> None:
 
 @pytest.mark.parametrize("text", ["int8 x", "---\n---\n"])
 def test_service_needs_two_parts(text: str) -> None:
-    with pytest.raises(InvalidInterfaceError, match="exactly one line '---'"):
-        parse_service(text, "pkg/srv/Name", "Name.srv")
+    with pytest.raises(InvalidInterfaceError, match="needs exactly 1 x '---', between request and response"):
+        split_parts(text, "pkg/srv/Name", "Name.srv", PARTS["srv"])
 
 
 @pytest.mark.parametrize("text", ["", "int8 x\n---\nint8 y", "---\n---\n---"])
 def test_an_action_has_three_parts(text: str) -> None:
-    with pytest.raises(InvalidInterfaceError, match="exactly two lines '---' between goal and result and feedback"):
-        parse_action(text, "pkg/action/Name", "Name.action")
+    with pytest.raises(InvalidInterfaceError, match="exactly 2 x '---', between goal and result and feedback"):
+        split_parts(text, "pkg/action/Name", "Name.action", PARTS["action"])
 
 
-def test_errors_in_actions_name_the_line() -> None:
-    with pytest.raises(InvalidInterfaceError, match="line 4: 'Y' is not a field's name"):
-        parse_action("int8 x\n---\n---\nint8 Y", "pkg/action/Name", "Name.action")
+@pytest.mark.parametrize(("kind", "text"), [("srv", "int8 x\n---\nint8 Y\n"), ("action", "---\n---\nint8 Y\n")])
+def test_errors_in_a_part_name_the_line_of_the_file(
+    kind: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wrong_msgs" / kind).mkdir(parents=True)
+    (tmp_path / "wrong_msgs" / kind / f"One.{kind}").write_text(text)
+    monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path))
+    with pytest.raises(InvalidInterfaceError, match=rf"One.{kind}, line 3: 'Y' is not a field's name"):
+        get_interface(f"wrong_msgs/{kind}/One")
 
 
 def test_actions_have_the_members_of_genuine_ones() -> None:
@@ -191,11 +197,6 @@ def test_actions_have_the_members_of_genuine_ones() -> None:
     assert Fibonacci.__module__ == Fibonacci.Goal.__module__ == "test_msgs.action"
     with pytest.raises(NotImplementedError, match="Action classes can not be instantiated"):
         Fibonacci()
-
-
-def test_errors_in_the_response_name_the_line_of_the_file() -> None:
-    with pytest.raises(InvalidInterfaceError, match="line 3"):
-        parse_service("int8 x\n---\nint8 Y", "pkg/srv/Name", "Name.srv")
 
 
 @pytest.mark.parametrize(
@@ -223,6 +224,7 @@ def test_broken_package(
     (tmp_path / "broken_msgs" / "msg" / "One.msg").write_bytes(content)
     monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path))
     catalogue.structure.cache_clear()
+    catalogue.interface.cache_clear()
     with pytest.raises(error, match=reason):
         get_message("broken_msgs/msg/One")
 
@@ -246,6 +248,17 @@ def test_definition_text_holds_all_that_is_referred_to() -> None:
         f"{bar}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
         f"{bar}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
+
+
+def test_definition_text_of_a_message_is_that_of_its_file(package: str, tmp_path: Path) -> None:
+    text = f"\n# A comment.\n{package}/msg/Other other\n"
+    (tmp_path / package / "msg" / "Named.msg").write_text(text)
+    assert interface_definition(f"{package}/msg/Named").startswith(text + "\n=")
+
+
+def test_definition_text_of_a_part_is_its_part_of_the_file(package: str) -> None:
+    text = interface_definition(f"{package}/srv/Ask_Response")
+    assert text.startswith("uint8 OK=1\nOther[] answers\n\n=") and f"MSG: {package}/Other\n" in text
 
 
 def test_sources_of_a_service_are_its_file_and_what_it_refers_to() -> None:

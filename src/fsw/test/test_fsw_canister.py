@@ -87,6 +87,7 @@ def test_a_table_over_time_and_one_of_the_phases(scenario, tmp_path, capsys):
     assert str(file.relative_to(tmp_path)) in shown
 
 
+@pytest.mark.full
 def test_figure_and_film_show_the_heat(scenario, tmp_path, monkeypatch):
     Image = pytest.importorskip("PIL.Image")
     monkeypatch.setattr(heat_figures, "FILM_FRAMES", 3)

@@ -53,6 +53,7 @@ def test_vectors_under_sanitizers(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.full
 def test_a_wrong_answer_is_noticed(exported, objects, controller, tmp_path):
     folder = tmp_path / "copy"
     subprocess.run(["cp", "-r", str(exported[controller]), str(folder)], check=True)
@@ -86,6 +87,7 @@ def test_stack_has_a_bound(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.full
 def test_nothing_but_the_listed_library_functions(objects, controller):
     """No heap, no files, and of libm only what the header lists."""
     listed = subprocess.run(["nm", *objects[controller]], capture_output=True, text=True, check=True).stdout

@@ -100,6 +100,7 @@ def test_two_fmus_are_the_offline_loop(
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_a_known_set_point_is_prepared_as_offline(tmp_path_factory: pytest.TempPathFactory, running: Units) -> None:
     text = "{name: ahead, duration_s: 30, controller: nmpc, announced: true, plant: {noise: false}, events: [%s]}"
     event = "{at_s: 15.0, reference: {depth_mm: 2.8, temperature_c: 820.0}}"

@@ -135,6 +135,7 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path) -> None:
     """Messages and attachments have checksums; indexes have none, and nothing is read from them."""
     asked, bag = procedure.load(with_changes(tmp_path, quality=[])), tmp_path / "bag"

@@ -98,8 +98,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        subscribe_references(self, self._references)
+        # before the set-points: who has discovered that those are subscribed to knows of the plan, too
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
+        subscribe_references(self, self._references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
         subscribe_drives(self, self._ticks.on_drives)
         subscribe_sensors(self, self._ticks.on_sample)

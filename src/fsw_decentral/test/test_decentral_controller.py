@@ -333,7 +333,7 @@ event = st.tuples(
 
 
 @pytest.mark.requirement("S4")
-@settings(max_examples=100, deadline=None)
+@settings(deadline=None)
 @given(st.lists(event, max_size=30))
 def test_whatever_comes_the_proposal_keeps_every_limit(events):
     controller = DecentralController()

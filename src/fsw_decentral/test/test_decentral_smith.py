@@ -42,7 +42,7 @@ def plain_correction(powers, gain, copper_lag, tool_lag, dead_time):
     return gain * (response[-1] - past)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(300.0, 2000.0), st.floats(300.0, 500.0), st.integers(1, 4)), min_size=1, max_size=120),
     st.floats(0.1, 40.0),

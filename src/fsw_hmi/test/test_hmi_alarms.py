@@ -321,5 +321,5 @@ class AnyOrder(RuleBasedStateMachine):
         assert len(led) == len(set(led))
 
 
-AnyOrder.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+AnyOrder.TestCase.settings = settings(stateful_step_count=25, deadline=None)
 TestAnyOrder = AnyOrder.TestCase

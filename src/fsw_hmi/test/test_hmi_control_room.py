@@ -209,7 +209,7 @@ class Misuse(RuleBasedStateMachine):
 
 
 TestMisuse = Misuse.TestCase
-TestMisuse.settings = settings(max_examples=150, stateful_step_count=30, deadline=None)
+TestMisuse.settings = settings(stateful_step_count=30, deadline=None)
 
 
 def test_control_is_taken_only_explicitly(room):

@@ -382,4 +382,4 @@ class Passing(RuleBasedStateMachine):
 
 
 TestPassing = Passing.TestCase
-TestPassing.settings = settings(max_examples=150, stateful_step_count=30, deadline=None)
+TestPassing.settings = settings(stateful_step_count=30, deadline=None)

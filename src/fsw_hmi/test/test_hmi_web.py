@@ -323,9 +323,7 @@ junk = st.binary(max_size=300) | st.tuples(
 ).map(b"".join)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(junk)
 def test_junk_instead_of_http_does_no_harm(server, content):
     with socket.create_connection(("127.0.0.1", server.port)) as raw:
@@ -335,9 +333,7 @@ def test_junk_instead_of_http_does_no_harm(server, content):
     assert server.orders.empty()
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(st.lists(st.binary(max_size=200), min_size=1, max_size=5))
 def test_junk_instead_of_frames_does_no_harm(server, pieces):
     page = server.open()

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.signal import savgol_filter
+import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
@@ -274,7 +273,7 @@ class Problem:
             of_output = [part for part in parts if part.output == output]
             for at in ((i, walk) for walk in which for i in range(2)):
                 bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
-                best = minimize_scalar(
+                best = scipy.optimize.minimize_scalar(
                     evidence, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
                 )
                 found[at] = np.exp(best.x)
@@ -382,4 +381,4 @@ def _measured(segment: Segment, p: ModelParameters) -> Knowledge:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    return np.asarray(savgol_filter(values, _SMOOTH_TICKS, 2, axis=0))
+    return np.asarray(scipy.signal.savgol_filter(values, _SMOOTH_TICKS, 2, axis=0))

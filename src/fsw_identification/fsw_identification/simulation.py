@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.units import RAD_PER_S_PER_RPM
@@ -102,7 +102,7 @@ def _motor_nm(p: ModelParameters, segment: Segment, depth_mm: FloatArray) -> Flo
 
 def _filtered(added: FloatArray, left: float) -> FloatArray:
     """x of x[k + 1] = left x[k] + added[k], from 0."""
-    return np.asarray(lfilter([0.0, 1.0], [1.0, -left], added))
+    return np.asarray(scipy.signal.lfilter([0.0, 1.0], [1.0, -left], added))
 
 
 def _ramped(begin: FloatArray, slope: FloatArray, span_s: float, lag_s: float) -> FloatArray:
@@ -170,7 +170,7 @@ def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
     driven = at_knots.copy()
     for i in range(at_knots.shape[1] - 4):
         added = at_knots[:-1, -2] * walk.before[i, -2] - at_knots[1:, -2] * walk.after[i, -2]
-        driven[:, i] = lfilter([1.0], [1.0, -walk.before[i, i]], np.append(at_knots[0, i], added))
+        driven[:, i] = scipy.signal.lfilter([1.0], [1.0, -walk.before[i, i]], np.append(at_knots[0, i], added))
     return driven
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
+import scipy
 
 from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_identification.weld_data import Segment
@@ -40,8 +40,8 @@ def correlation(first: Sequence[FloatArray], second: Sequence[FloatArray], lags:
         a, b = (np.nan_to_num(column - mean) for column, mean in zip((one, other), means, strict=True))
         inside = np.abs(lags) < a.size
         at = lags[inside] + a.size - 1
-        products[inside] += correlate(a, b)[at]
-        counts[inside] += np.rint(correlate(known[0].astype(float), known[1].astype(float)))[at]
+        products[inside] += scipy.signal.correlate(a, b)[at]
+        counts[inside] += np.rint(scipy.signal.correlate(known[0].astype(float), known[1].astype(float)))[at]
         pairs += int((known[0] & known[1]).sum())
     with np.errstate(all="ignore"):
         return np.nan_to_num(products / counts / scale), pairs

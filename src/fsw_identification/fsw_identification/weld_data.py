@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -120,7 +120,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
         )
     notes.append("no drives' feedback: the commands are used instead, without disturbances of the inputs")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
-    acting, _ = lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
+    acting, _ = scipy.signal.lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
     return np.asarray(acting)
 
 

@@ -68,7 +68,7 @@ def case(output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.
     return Case(walk, factor, generator.standard_normal((n, width)), weights, start, steps)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 @given(
     output=st.sampled_from(sorted(MODES)),
     n=st.integers(1, 9 * KNOT_TICKS),

@@ -75,7 +75,7 @@ SANE = (2.66, 1052.0, 816.4, 78.4, 407.6, 78.4, 407.6, 2.7, 818.0, 0.1, (False, 
 
 @pytest.mark.requirement("S31")
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 @example([*[SANE] * 3, (*SANE[:4], 50970.0, *SANE[5:10], (True, False, True), [])])
 @given(st.lists(anything, max_size=25))
 def test_whatever_comes_the_command_is_inside_the_bounds(ticks):

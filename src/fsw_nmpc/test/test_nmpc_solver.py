@@ -79,9 +79,7 @@ def test_no_feasible_point_is_better(library20, rng):
                 assert cost(trial) >= cost(best) - 2e-6 * (1.0 + abs(cost(best)))
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_limits_hold_always(library20, seed):
     """Whatever the problem and the start, also from inputs on or beyond their bounds."""

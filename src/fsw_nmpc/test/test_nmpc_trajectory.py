@@ -50,7 +50,7 @@ def test_at_rest_nothing_moves(library):
     assert not width.any()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 @given(depth_step=st.floats(-0.5, 0.5), temperature_step=st.floats(-50.0, 50.0))
 def test_outputs_come_without_overshoot_as_fast_as_inputs_allow(library, depth_step, temperature_step):
     time_s, (depth, temperature), _ = trajectories(library, 2.66 + depth_step, 816.4 + temperature_step)

@@ -308,7 +308,7 @@ def test_start_beyond_the_drives_is_refused():
 
 
 @pytest.mark.requirement("S4")
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(), st.floats(), st.integers()),

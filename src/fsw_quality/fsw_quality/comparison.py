@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import t
+import scipy
 
 from fsw_quality.exceedances import Rounded
 from fsw_quality.verdict import Verdict
@@ -113,7 +113,7 @@ def _limit(welds: int) -> float:
 
     G. J. Hahn, W. Q. Meeker: Statistical Intervals, 1991, chapter 4.
     """
-    return float(t.ppf(1.0 - 0.5 * _BY_MISTAKE, welds - 1) * np.sqrt(1.0 + 1.0 / welds))
+    return float(scipy.stats.t.ppf(1.0 - 0.5 * _BY_MISTAKE, welds - 1) * np.sqrt(1.0 + 1.0 / welds))
 
 
 def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:

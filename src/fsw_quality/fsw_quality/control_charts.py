@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 
@@ -53,7 +53,7 @@ def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
     if sigma <= 0.0:
         return None
     scaled = (values - centre) / sigma
-    line = stats.theilslopes(normal, first)  # as robust as the medians
+    line = scipy.stats.theilslopes(normal, first)  # as robust as the medians
     scaled[first] = (normal - line.intercept - line.slope * first) / sigma
     ewma, high, low = (np.full(values.size, np.nan) for _ in range(3))
     smooth = up = down = 0.0
@@ -98,8 +98,8 @@ def trend(values: FloatArray, rise: float) -> Trend | None:
     known = np.flatnonzero(np.isfinite(values))
     if known.size < 5:
         return None
-    line = stats.linregress(known.astype(np.float64), values[known])
-    half = float(stats.t.ppf(0.975, known.size - 2)) * float(line.stderr)
+    line = scipy.stats.linregress(known.astype(np.float64), values[known])
+    half = float(scipy.stats.t.ppf(0.975, known.size - 2)) * float(line.stderr)
     slope = float(line.slope)
     middle = float(known.mean())
     left = rise - slope * middle

@@ -84,9 +84,7 @@ def test_hole_loses_what_was_in_it(content: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.requirement("S23")
-@settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
 def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path, data: st.DataObject) -> None:
     first, last = frames_of(content, 5)[0], frames_of(content, 5)[-1]

@@ -89,7 +89,7 @@ def test_afterwards_the_chunks_are_the_same(recorded: Path, manifest: Manifest) 
         ]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_flipped_bit_is_found_and_its_chunk_named(
     recorded: Path, manifest: Manifest, tmp_path: Path, data: st.DataObject

@@ -320,6 +320,7 @@ def test_bad_parameters_are_one_line(
 
 
 @pytest.mark.requirement("S22")
+@pytest.mark.full
 def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path: Path) -> None:
     bag, sibling = tmp_path / "weld", tmp_path / "weld_1"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)

@@ -11,17 +11,22 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
 class Audience:
-    """The subscribers of a node's ``setpoints``: so many controllers are ``wanted``, among them those ``named``."""
+    """Who subscribes to set-points and to their plan: so many controllers are ``wanted``, among them those ``named``.
 
-    def __init__(self, node: Node, setpoints: Publisher, wanted: int, named: Sequence[str] = ()) -> None:
-        self._node, self._setpoints, self._wanted, self._named = node, setpoints, wanted, tuple(dict.fromkeys(named))
+    ``publishers`` are those of ``SetPoints``, that of the set-points first.
+    """
+
+    def __init__(self, node: Node, publishers: Sequence[Publisher], wanted: int, named: Sequence[str] = ()) -> None:
+        self._node, self._publishers, self._wanted, self._named = node, publishers, wanted, tuple(dict.fromkeys(named))
+        self._topic = publishers[0].topic_name
 
     def is_complete(self) -> bool:
-        """Whether all that listen to set-points get them, and enough of these are controllers."""
-        node, topic = self._node, self._setpoints.topic_name
-        infos = node.get_subscriptions_info_by_topic(topic)
-        if self._setpoints.get_subscription_count() < len(infos):
-            return False
+        """Whether all that listen get set-points and plan, and enough of these are controllers."""
+        node = self._node
+        for publisher in self._publishers:
+            if publisher.get_subscription_count() < node.count_subscribers(publisher.topic_name):
+                return False
+        infos = node.get_subscriptions_info_by_topic(self._topic)
         proposals = [name for name, _ in node.get_topic_names_and_types() if name.endswith("/proposal")]
         proposing = {_node_of(info) for name in proposals for info in node.get_publishers_info_by_topic(name)}
         return len(proposing.intersection(map(_node_of, infos))) >= self._wanted
@@ -29,7 +34,7 @@ class Audience:
     def is_alone(self) -> bool:
         """Whether no other player sets the points of this weld; one that was killed is seen until its lease ends."""
         me = (self._node.get_namespace(), self._node.get_name())
-        senders = map(_node_of, self._node.get_publishers_info_by_topic(self._setpoints.topic_name))
+        senders = map(_node_of, self._node.get_publishers_info_by_topic(self._topic))
         return sum(sender == me for sender in senders) < 2
 
     def absent(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -55,16 +56,17 @@ class SetPoints:
         # a scenario given at start sends none, so that its bag stays what it was
         self._mark = _MARK.format(0) if scenario.phases or not from_start else ""
         self._mark_received, self._restarts = False, 0
-        self.publisher = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self._references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = node.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
+        self.publishers = (self._references, self._plan)
         self._subscription: Subscription | None = None
 
     def destroy(self) -> None:
         """Leave the graph."""
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
-        self._node.destroy_publisher(self.publisher)
-        self._node.destroy_publisher(self._plan)
+        for publisher in self.publishers:
+            self._node.destroy_publisher(publisher)
 
     def begin(self) -> None:
         """Send the first set-points, and listen to those that are sent from now on."""
@@ -75,6 +77,10 @@ class SetPoints:
         if self._synchronous:
             self.send_ahead()
         self._subscription = subscribe_sent(self._node, self.received, self._on_received)
+
+    def have_arrived(self) -> bool:
+        """Whether all subscribers have all that was sent."""
+        return all(publisher.wait_for_all_acked(Duration()) for publisher in self.publishers)
 
     def _on_received(self, mark: str) -> None:
         """Note that this node's newest set-points have arrived; those with another mark are then someone else's."""
@@ -114,7 +120,7 @@ class SetPoints:
         self.send_ahead()
 
     def _send(self, one: Reference, stamp_ns: int) -> None:
-        self.publisher.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
+        self._references.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
 
     def announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""

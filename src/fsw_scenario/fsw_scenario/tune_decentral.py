@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
@@ -198,4 +198,4 @@ def tune(
     reach = np.where(x + _REACH <= ranges[:, 1], _REACH, -_REACH)
     simplex = np.vstack([x, x + np.diag(reach)])
     options = {"adaptive": True, "initial_simplex": simplex, "maxfev": evaluations}
-    return gains_of(minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)
+    return gains_of(scipy.optimize.minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)

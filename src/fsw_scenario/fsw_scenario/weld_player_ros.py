@@ -59,8 +59,8 @@ class PlayerOptions:
 class WeldPlayer:
     """Plays a scenario from the next tick on; ``over`` gets the outcome, ``report`` the progress once a second.
 
-    It subscribes to the sensors only when the first set-points have been sent and the controllers listen, so a plant
-    that waits for its subscribers starts when everything is ready.
+    It subscribes to the sensors only when the controllers listen and the first set-points have been sent, in lockstep
+    also received, so a plant that waits for its subscribers starts when everything is ready.
     """
 
     def __init__(
@@ -91,12 +91,12 @@ class WeldPlayer:
         self._requests = node.create_publisher(String, "fsw/switch_request", STREAM)
         self._ready = node.create_publisher(Header, PLAYER_READY, LATEST) if self._simulated else None
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
-        self._audience = Audience(node, self.set_points.publisher, options.wait_for_controllers, named)
+        self._audience = Audience(node, self.set_points.publishers, options.wait_for_controllers, named)
         self._stop = SafeStop(node)
         self._watch = node.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._programme: ProgrammeServer | None = None
         self._subscriptions: list[Subscription] = []
-        self._listening = False
+        self._begun = self._listening = False
 
     def destroy(self) -> None:
         """Leave the graph."""
@@ -117,7 +117,7 @@ class WeldPlayer:
             ok, answer = self._programme.abort()
         else:
             ok, answer = not (self.finished or self._aborted), f"aborted at {self.time.tick * TICK_S:.1f} s"
-            if ok and self._listening:
+            if ok and self._begun:
                 self.set_points.leave()
         self._aborted = self._aborted or ok
         return ok, answer
@@ -131,9 +131,11 @@ class WeldPlayer:
     def _on_watch(self) -> None:
         if self.finished:
             return
-        absent = "" if self._listening else self._audience.absent()
-        if not (self._listening or absent) and self._audience.is_complete() and self._audience.is_alone():
+        absent = "" if self._begun else self._audience.absent()
+        if not (self._begun or absent) and self._audience.is_complete() and self._audience.is_alone():
             self._begin()
+        if self._begun and not self._listening and (not self._synchronous or self.set_points.have_arrived()):
+            self._listen()
         if self._aborted or (self._programme is not None and self._programme.machine.state is State.ABORTED):
             self._stop.ask()
             if self._stop.answer:
@@ -145,11 +147,16 @@ class WeldPlayer:
         if absent and not self._options.from_start and silent_s > _CONTROLLER_S:
             self._end(FAILED, f"{absent}; start it, or name another one")
         elif silent_s > silence_s:
-            missing = "no measurement on fsw/depth" if self._listening else self._audience.missing()
-            self._end(FAILED, f"{missing} for {silence_s:g} s; is the graph running, on the same domain?")
+            self._end(FAILED, f"{self._missing()} for {silence_s:g} s; is the graph running, on the same domain?")
+
+    def _missing(self) -> str:
+        if not self._begun:
+            return self._audience.missing()
+        topic = self.set_points.publishers[0].topic_name
+        return "no measurement on fsw/depth" if self._listening else f"no acknowledgement of {topic} by all subscribers"
 
     def _begin(self) -> None:
-        self._listening = True
+        self._begun = True
         self._last_sample_s = time.monotonic()
         self.set_points.begin()
         if self.scenario.phases:
@@ -157,6 +164,10 @@ class WeldPlayer:
             self._programme = ProgrammeServer(self._node, machine, ours.course, ours.in_force, ours.restart, self._tell)
         if self._programme is not None or not self._options.from_start:
             self._stop.watch(self.abort)
+
+    def _listen(self) -> None:
+        self._listening = True
+        self._last_sample_s = time.monotonic()
         self._subscriptions += subscribe_sensors(self._node, self._on_sample)
         self._node.get_logger().info(f"playing {self.scenario.name}: {self.scenario.duration_s:g} s")
 

@@ -1,13 +1,19 @@
 """The player among real topics: stamps that are not believed; hold, set-points by hand, resume."""
 
+from unittest.mock import create_autospec
+
 import pytest
 import yaml
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_msgs.srv import SetMode
+from fsw_scenario.audience_ros import Audience
 from fsw_scenario.launcher import ABORTED
+from fsw_scenario.set_points_ros import SetPoints
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
@@ -119,3 +125,36 @@ def test_set_points_by_hand_in_the_running_programme_stay_until_a_resume(graph):
     assert graph.progress[-1].state == "running"
     assert graph.ask("resume").success
     graph.until(lambda: graph.tick().temperature_c == 818.4)
+
+
+def test_in_lockstep_nothing_is_measured_before_the_set_points_have_arrived(tmp_path, monkeypatch):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(yaml.safe_dump({"name": "steps", "duration_s": 5.0, "announced": True}))
+    answers = []
+
+    def have_arrived(set_points):
+        assert all(one.wait_for_all_acked() for one in set_points.publishers)
+        answers.append(len(answers) == 3)
+        return answers[-1]
+
+    monkeypatch.setattr(SetPoints, "have_arrived", have_arrived)
+    graph = PlayerGraph(str(path), "use_sim_time:=true")
+    try:
+        assert answers == [False, False, False, True], "the sensors were not subscribed to before"
+    finally:
+        graph.end()
+
+
+@pytest.mark.parametrize("unmatched", ["/fsw/reference", "/fsw/reference_plan"])
+def test_audience_is_complete_when_set_points_and_plan_reach_all_that_listen(unmatched):
+    matched = {"/fsw/reference": 2, "/fsw/reference_plan": 1}
+    node = create_autospec(Node, instance=True)
+    node.count_subscribers.side_effect = dict(matched).get
+    publishers = [create_autospec(Publisher, instance=True) for _ in matched]
+    for publisher, topic in zip(publishers, matched, strict=True):
+        publisher.topic_name = topic
+        publisher.get_subscription_count.side_effect = lambda topic=topic: matched[topic]
+    audience = Audience(node, publishers, wanted=0)
+    assert audience.is_complete()
+    matched[unmatched] -= 1
+    assert not audience.is_complete()

@@ -1,7 +1,7 @@
 """Set-points of a programme over any sequence of holds, resumes and set-points by hand."""
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
@@ -127,7 +127,6 @@ actions = st.one_of(
 
 
 @pytest.mark.requirement("S29")
-@settings(max_examples=60)
 @given(st.lists(actions, max_size=12))
 @example([81, 150, 150, 150, 150, (2.5, 800.0, False)])  # the way back is longer than what is left of the programme
 def test_set_points_in_force_move_at_the_permitted_rates_unless_by_a_step_by_hand(sequence):

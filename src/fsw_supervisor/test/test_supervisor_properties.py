@@ -287,4 +287,4 @@ class ArbiterMachine(RuleBasedStateMachine):
 
 
 TestArbiterProperties = ArbiterMachine.TestCase
-TestArbiterProperties.settings = hypothesis_settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestArbiterProperties.settings = hypothesis_settings(stateful_step_count=40, deadline=None)

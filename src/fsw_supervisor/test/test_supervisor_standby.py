@@ -396,7 +396,7 @@ steps = st.lists(
 @pytest.mark.requirement("S9")
 @pytest.mark.slow
 @given(steps=steps, takeover_ticks=st.integers(1, 3))
-@hypothesis_settings(max_examples=40, deadline=None)
+@hypothesis_settings(deadline=None)
 def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, takeover_ticks):
     world = World(ArbiterSettings.from_values({"takeover_ticks": takeover_ticks}))
     world.add("a")

@@ -91,6 +91,7 @@ def test_energy_is_kept_without_losses() -> None:
         assert full.stored_j(state) == pytest.approx(brought, rel=1e-9)
 
 
+@pytest.mark.full
 def test_time_steps_converge_in_second_order() -> None:
     found = {}
     for step_s in (4.0, 2.0, 1.0, 0.125):
@@ -104,6 +105,7 @@ def test_time_steps_converge_in_second_order() -> None:
     assert np.log2(errors[1] / errors[2]) > 1.8
 
 
+@pytest.mark.full
 def test_the_mesh_converges_in_fourth_order() -> None:
     """Quadratic elements: the slowest decay of a mode in a tube without a lid, and the heated canister."""
     decays, rises = [], []

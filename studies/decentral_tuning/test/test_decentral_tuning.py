@@ -23,6 +23,7 @@ def test_shipped_gains_are_stable_on_processes_unlike_the_model(name):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["--check", "--json", str(file)]) == 0

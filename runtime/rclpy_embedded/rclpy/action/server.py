@@ -75,6 +75,9 @@ class ServerGoalHandle:
         self._state = _ACCEPTED
         self._destroyed = False
         self._ended_ns: int | None = None
+        #: Of the response that tells the result.
+        self._ended = Future()
+        action_server.add_future(self._ended)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ServerGoalHandle) and bool(self.goal_id == other.goal_id)
@@ -188,7 +191,6 @@ class ActionServer(ActionEntity):
         self._result_timeout_ns = int(result_timeout * S_TO_NS)
         # By the bytes of the goal's UUID.
         self._goal_handles: dict[bytes, ServerGoalHandle] = {}
-        self._result_futures: dict[bytes, Future] = {}
         self.register_handle_accepted_callback(handle_accepted_callback)
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
@@ -252,12 +254,9 @@ class ActionServer(ActionEntity):
                 return None
             goal_info = GoalInfo(goal_id=request.goal_id, stamp=self._node.get_clock().now().to_msg())
             goal_handle = self._goal_handles[key] = ServerGoalHandle(self, goal_info, request.goal)
-            self._result_futures[key] = Future()
-            self.add_future(self._result_futures[key])
             return goal_handle
 
     async def _execute_goal(self, execute_callback: Callable[..., Any], goal_handle: ServerGoalHandle) -> None:
-        uuid = goal_handle.goal_id.uuid
         try:
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:
@@ -266,13 +265,12 @@ class ActionServer(ActionEntity):
             self._logger.error(f"Error raised in execute callback: {error}")
             traceback.print_exc()
         if goal_handle.is_active:
-            self._logger.warning(f"Goal state not set, assuming aborted. Goal ID: {uuid}")
+            self._logger.warning(f"Goal state not set, assuming aborted. Goal ID: {goal_handle.goal_id.uuid}")
             goal_handle.abort()
-        future = self._result_futures.get(bytes(uuid))
-        if future is not None:  # not expired
+        if not goal_handle._destroyed:  # nor expired
             response = self.action_type.Impl.GetResultService.Response(status=goal_handle.status)
             response.result = result
-            future.set_result(response)
+            goal_handle._ended.set_result(response)
 
     async def _execute_cancel_request(self, request: Any, header: ServiceInfo) -> None:
         response = self.action_type.Impl.CancelGoalService.Response()
@@ -306,12 +304,12 @@ class ActionServer(ActionEntity):
         ]
 
     def _execute_get_result_request(self, request: Any, header: ServiceInfo) -> None:
-        future = self._result_futures.get(key_of(request.goal_id))
-        if future is None:
+        goal_handle = self._goal_handles.get(key_of(request.goal_id))
+        if goal_handle is None:
             unknown = self.action_type.Impl.GetResultService.Response(status=GoalStatus.STATUS_UNKNOWN)
             self._respond("result", unknown, header)
         else:
-            future.add_done_callback(partial(self._send_result_response, header))
+            goal_handle._ended.add_done_callback(partial(self._send_result_response, header))
 
     def _send_result_response(self, header: ServiceInfo, future: Future) -> None:
         self._respond("result", future.result(), header)
@@ -342,7 +340,7 @@ class ActionServer(ActionEntity):
                 if goal_handle._ended_ns is not None and goal_handle._ended_ns <= limit:
                     goal_handle.destroy()
                     del self._goal_handles[key]
-                    self.remove_future(self._result_futures.pop(key))
+                    self.remove_future(goal_handle._ended)
             self._plan_expiry()
 
     def notify_execute(
@@ -373,9 +371,7 @@ class ActionServer(ActionEntity):
         """Destroy the services and topics of the action, and the goals."""
         for goal_handle in list(self._goal_handles.values()):
             goal_handle.destroy()
-        for future in self._result_futures.values():
-            if future in self._futures:
-                self.remove_future(future)
+        self._futures.clear()
         if hasattr(self, "_expire_timer"):
             self._node.destroy_timer(self._expire_timer)
         super().destroy()

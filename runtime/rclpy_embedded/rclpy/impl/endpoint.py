@@ -36,7 +36,7 @@ class Endpoint(Destroyable):
     def __init__(self, local_node: LocalNode, name: str, *entities: Reader | Writer) -> None:
         super().__init__(entities[0])
         self._local_node = local_node
-        self._name = entities[0].name = name
+        entities[0].name = name
         self._entities = entities
         if isinstance(entities[0], Reader):
             self.condition = Readable(entities[0])
@@ -59,7 +59,7 @@ class Endpoint(Destroyable):
             return method(*arguments)
         except DDSException as error:
             self._check()
-            raise RCLError(f"failed to {method.__name__} on '{self._name}': {error}") from error
+            raise RCLError(f"failed to {method.__name__} on '{self._entities[0].name}': {error}") from error
 
     def _clean_up(self) -> None:
         for handler in self.event_handlers:
@@ -99,8 +99,7 @@ class TopicEndpoint(Endpoint):
     @property
     def topic_name(self) -> str:
         """Full name of the topic."""
-        self._check()
-        return self._name
+        return str(self.handle.name)
 
 
 def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: bool) -> QoSProfile:
@@ -196,8 +195,7 @@ class ServiceEndpoint(Endpoint):
     @property
     def service_name(self) -> str:
         """Full name of the service."""
-        self._check()
-        return self._name
+        return str(self.handle.name)
 
     def _reader_ids(self, role: str) -> set[str]:
         return matched_ids(self._writer.get_matched_subscriptions, self._writer.get_matched_subscription_data, role)

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import State, Transition, TransitionDescription
 from rclpy._rclpy_pybind11 import RCLError
 
-_STATES: dict[int, str] = {
-    getattr(State, f"{kind}_STATE_{name.upper()}"): name
-    for kind, names in (
-        ("PRIMARY", ("unknown", "unconfigured", "inactive", "active", "finalized")),
-        (
-            "TRANSITION",
-            ("configuring", "cleaningup", "shuttingdown", "activating", "deactivating", "errorprocessing"),
-        ),
-    )
+_PRIMARY = ("unknown", "unconfigured", "inactive", "active", "finalized")
+_PASSING = ("configuring", "cleaningup", "shuttingdown", "activating", "deactivating", "errorprocessing")
+_STATES: dict[str, State] = {
+    name: State(id=getattr(State, f"{kind}_STATE_{name.upper()}"), label=name)
+    for kind, names in (("PRIMARY", _PRIMARY), ("TRANSITION", _PASSING))
     for name in names
 }
-_IDS = {name: state_id for state_id, name in _STATES.items()}
-#: Identifier and label, those of the state it starts from, and those of the one it leads to.
-_Transition = tuple[int, str, int, str, int, str]
 
 
-def _transition(constant: str, label: str, start: str, goal: str) -> _Transition:
-    return getattr(Transition, f"TRANSITION_{constant}"), label, _IDS[start], start, _IDS[goal], goal
+def _transition(constant: str, label: str, start: str, goal: str) -> TransitionDescription:
+    transition = Transition(id=getattr(Transition, f"TRANSITION_{constant}"), label=label)
+    return TransitionDescription(transition=transition, start_state=_STATES[start], goal_state=_STATES[goal])
 
 
-def _outcomes(name: str, start: str, success: str, failure: str, error: str = "errorprocessing") -> list[_Transition]:
+def _outcomes(
+    name: str, start: str, success: str, failure: str, error: str = "errorprocessing"
+) -> list[TransitionDescription]:
     goals = {"success": success, "failure": failure, "error": error}
     return [
         _transition(f"ON_{name}_{outcome.upper()}", f"transition_{outcome}", start, goal)
@@ -35,8 +31,8 @@ def _outcomes(name: str, start: str, success: str, failure: str, error: str = "e
     ]
 
 
-def _transitions() -> list[_Transition]:
-    found: list[_Transition] = []
+def _transitions() -> list[TransitionDescription]:
+    found: list[TransitionDescription] = []
     for label, start, during, success in (
         ("configure", "unconfigured", "configuring", "inactive"),
         ("cleanup", "inactive", "cleaningup", "unconfigured"),
@@ -51,43 +47,39 @@ def _transitions() -> list[_Transition]:
     return found + _outcomes("ERROR", "errorprocessing", "unconfigured", "finalized", "finalized")
 
 
-_TRANSITIONS = _transitions()
-
-
 class LifecycleStateMachine:
-    """The state of one node; `notify` learns the identifiers of the old and the new state at every transition."""
+    """The state of one node; `notify` learns of every transition."""
 
-    #: Identifiers and labels of all states.
-    available_states = tuple(_STATES.items())
+    available_states = list(_STATES.values())
     #: All transitions.
-    transition_graph = _TRANSITIONS
+    transition_graph = _transitions()
 
-    def __init__(self, notify: Callable[[int, int], None]) -> None:
+    def __init__(self, notify: Callable[[TransitionDescription], None]) -> None:
         self._notify = notify
-        self._state: int = State.PRIMARY_STATE_UNCONFIGURED
+        self._state = _STATES["unconfigured"]
 
     @property
     def current_state(self) -> tuple[int, str]:
         """Identifier and label of the state."""
-        return self._state, _STATES[self._state]
+        return self._state.id, self._state.label
 
     @property
-    def available_transitions(self) -> list[_Transition]:
+    def available_transitions(self) -> list[TransitionDescription]:
         """Those that start from the present state."""
-        return [transition for transition in _TRANSITIONS if transition[2] == self._state]
+        return [described for described in self.transition_graph if described.start_state == self._state]
 
     def get_transition_by_label(self, label: str) -> int:
         """Return the identifier of a transition that starts from the present state; RCLError if there is none."""
-        for transition in self.available_transitions:
-            if transition[1] == label:
-                return transition[0]
-        raise RCLError(f"No transition matching {label} found for current state {self.current_state[1]}")
+        return self._find(label).transition.id
 
     def trigger_transition(self, transition_id: int) -> None:
         """Change the state; RCLError if no such transition starts from the present one."""
-        for number, _, start, _, goal, _ in self.available_transitions:
-            if number == transition_id:
-                self._state = goal
-                self._notify(start, goal)
-                return
-        raise RCLError(f"No transition matching {transition_id} found for current state {self.current_state[1]}")
+        described = self._find(transition_id)
+        self._state = described.goal_state
+        self._notify(described)
+
+    def _find(self, wanted: int | str) -> TransitionDescription:
+        for described in self.available_transitions:
+            if wanted in (described.transition.id, described.transition.label):
+                return described
+        raise RCLError(f"No transition matching {wanted} found for current state {self._state.label}")

@@ -34,17 +34,6 @@ class LifecycleState(NamedTuple):
     state_id: int
 
 
-def _described(transitions: list[tuple[int, str, int, str, int, str]]) -> list[Any]:
-    return [
-        TransitionDescription(
-            transition=Transition(id=number, label=label),
-            start_state=State(id=start, label=start_label),
-            goal_state=State(id=goal, label=goal_label),
-        )
-        for number, label, start, start_label, goal, goal_label in transitions
-    ]
-
-
 class LifecycleNodeMixin(ManagedEntity):
     """Makes a Node a managed one, together with which it is inherited.
 
@@ -81,10 +70,9 @@ class LifecycleNodeMixin(ManagedEntity):
                 setattr(self, f"_service_{name}", service)
             setattr(self._state_machine, f"service_{name}", service)
 
-    def __notify(self, start: int, goal: int) -> None:
-        labels = dict(self._state_machine.available_states)
-        states = (State(id=state, label=labels[state]) for state in (start, goal))
-        self._transition_event.publish(TransitionEvent(start_state=next(states), goal_state=next(states)))
+    def __notify(self, described: TransitionDescription) -> None:
+        event = TransitionEvent(start_state=described.start_state, goal_state=described.goal_state)
+        self._transition_event.publish(event)
 
     # Transitions
 
@@ -184,16 +172,15 @@ class LifecycleNodeMixin(ManagedEntity):
         return response
 
     def __on_get_available_states(self, request: Any, response: Any) -> Any:
-        states = self._state_machine.available_states
-        response.available_states = [State(id=state_id, label=label) for state_id, label in states]
+        response.available_states = self._state_machine.available_states
         return response
 
     def __on_get_available_transitions(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _described(self._state_machine.available_transitions)
+        response.available_transitions = self._state_machine.available_transitions
         return response
 
     def __on_get_transition_graph(self, request: Any, response: Any) -> Any:
-        response.available_transitions = _described(self._state_machine.transition_graph)
+        response.available_transitions = self._state_machine.transition_graph
         return response
 
 
