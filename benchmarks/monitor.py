@@ -50,20 +50,26 @@ CONTROLLERS = (
 FAULT_S = 200.0
 #: least limits, chosen, so that what is small enough to be harmless is no alarm; and the margin over the largest figure
 FLOORS = {
-    "drift_torque": 5.0, "drift_depth": 6.0, "drift_heat": 1.0, "gain_torque": 8.0, "gain_heat": 8.0, "gain_depth": 8.0,
-    "dead_time": 0.5, "innovation_size": 2.0, "innovation_colour": 4.0, "oscillation": 1.5, "saturation": 0.3,
+    "drift_torque": 4.0, "drift_depth": 8.0, "drift_heat": 1.0, "gain_torque": 8.0, "gain_heat": 8.0, "gain_depth": 8.0,
+    "dead_time": 0.5, "innovation_size": 2.0, "innovation_colour": 10.0, "oscillation": 1.5, "saturation": 0.3,
     "movement": 3.0, "poor_control": 0.5, "noise_grown": 1.6, "noise_gone": 1.6, "stuck": 2.0, "stiction": 0.1,
     "lag": 0.25,
 }  # fmt: skip
-MARGIN = 1.25
-#: wider on the paper's process: a first judgement, on other seeds, had four false alarms of these in a hundred welds,
-#: whose torque swings by itself
-WIDE = {("paper", "innovation_colour"): 2.0}
+MARGIN = 1.5
+#: wider where the statistic grows with the square of a swing
+WIDE = {"innovation_colour": 4.0}
+#: of these the welds of both processes count: the equation of the torque is the same, and so is how it swings
+COMMON = ("innovation_colour_torque",)
 #: figures of the heat, which tell nothing on a canister: the power that holds a temperature depends on the place and on
 #: what was heated before. A limit would only say how much its warming up differs from weld to weld
 HEAT = ("drift_heat", "gain_heat", "dead_time", "innovation_size_heat", "innovation_colour_heat")
-#: welds that judge false alarms, and those of each fault; fewer on a canister, whose welds take longer
-WITHOUT_FAULT, FAULT_SEEDS = {"paper": range(3000, 3200), "canister": range(1000, 1100)}, (2001, 2003)
+#: seeds that set the limits: welds of all kinds, and more that are left alone, in which some figures are judged only
+TUNING = (*range(1, 31), *range(32, 201, 4))
+#: seeds of the welds that judge false alarms, and of those of each fault; on none of the faults' anything was chosen
+WITHOUT_FAULT, FAULT_SEEDS = range(5000, 5200), range(6001, 6005)
+#: up to here three welds had had a false alarm (5060 and 5072 of the paper, 5086 of the canister), whose causes were
+#: mended: only those behind it are looked at once
+MENDED_BY = 5149
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",
@@ -71,7 +77,6 @@ CANISTER = {
     "canister": {"lid_mm": 0.0, "probe_radius_mm": 25.0, "shoulder_share": 0.2, "element_mm": 10.0, "modes": 128},
 }
 MODEL = ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction")
-AIMS_S = {"heat gain +20 %": 60.0, "depth gain +20 %": 60.0, "thermocouple 2 °C/min": 90.0}
 
 
 def scenario(process, seed, events, factors):
@@ -278,18 +283,20 @@ def tuned(process, rows):
     largest = {}
     for row in rows:
         for name, value in row["largest"].items():
-            largest[name] = max(value, largest.get(name, 0.0))
+            if row["process"] == process or name in COMMON:
+                largest[name] = max(value, largest.get(name, 0.0))
     found = {}
-    own = {"oscillation_depth", "oscillation_temperature", "movement_force", "movement_speed"}
+    own = {f"{what}_{drive}" for what in ("movement", "lag") for drive in ("force", "speed")}
+    own |= {"oscillation_depth", "oscillation_temperature"}
     for name in sorted(own | largest.keys()):
         if process == "canister" and name in HEAT:
             continue
         floor = next(value for begin, value in FLOORS.items() if name.startswith(begin))
-        margin = next((wide for (of, begin), wide in WIDE.items() if of == process and name.startswith(begin)), MARGIN)
+        margin = next((wide for begin, wide in WIDE.items() if name.startswith(begin)), MARGIN)
         limit = max(floor, margin * largest.get(name, 0.0))
-        if not (
-            name.startswith(("poor_control", "saturation", "stiction")) and limit >= 1.0
-        ):  # a share cannot be larger
+        if name.startswith("poor_control"):  # a share, near to one: half the way to it
+            limit = max(floor, 0.5 + 0.5 * largest.get(name, 0.0))
+        if limit < 1.0 or not name.startswith(("poor_control", "saturation", "stiction")):
             found[name] = float(f"{limit:.3g}")
     return found
 
@@ -304,7 +311,7 @@ def tune(folder, seeds):
     content = {
         name: {
             "known_heat": name == "paper",
-            "limits": tuned(name, [row for row in rows if row["process"] == name and not row["stopped"]]),
+            "limits": tuned(name, [row for row in rows if not row["stopped"]]),
         }
         for name in PROCESSES
     }
@@ -317,11 +324,14 @@ def summary(rows, process, case):
     own = [row for row in rows if row["process"] == process and row["case"] == case]
     delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
-    excited = [
-        row["named_s"] - row["first_step_s"]
-        for row in own
-        if row["named_s"] is not None and row["first_step_s"] is not None
-    ]
+    # a gain is excited by the first step after the fault, unless the loop was moving anyway
+    stepped = [row for row in own if row["first_step_s"] is not None]
+    after = {
+        f"{name}_after_step_s": max(
+            (row[of] - min(row["first_step_s"], row[of]) for row in stepped if row[of] is not None), default=None
+        )
+        for name, of in (("told", "delay_s"), ("named", "named_s"))
+    }
     kinds = Counter(kind for row in own for at_s, kind, _ in row["alarms"] if at_s >= FAULT_S or "start" in case)
     return {
         "welds": len(own),
@@ -330,7 +340,8 @@ def summary(rows, process, case):
         "worst_s": max(delays) if delays else None,
         "named": len(named),
         "named_median_s": float(np.median(named)) if named else None,
-        "named_after_step_s": max(excited) if excited else None,
+        "named_worst_s": max(named) if named else None,
+        **after,
         "kinds": ", ".join(kind for kind, _ in kinds.most_common(3)),
     }
 
@@ -344,19 +355,23 @@ def main():
     chosen = arguments.parse_args()
     quick = chosen.quick
     if chosen.tune:
-        tune(chosen.folder, range(1, 4 if quick else 31))
+        tune(chosen.folder, range(1, 4) if quick else TUNING)
     limits = {name: one.model_dump() for name, one in load_limits().items()}
-    without = dict.fromkeys(PROCESSES, range(1000, 1003)) if quick else WITHOUT_FAULT
-    fault_seeds = (2001,) if quick else FAULT_SEEDS
-    wanted = [(process, "none", seed) for process in PROCESSES for seed in without[process]]
-    wanted += [(process, case, seed) for process in PROCESSES for case in CASES for seed in fault_seeds]
+    without, fault_seeds = (range(1000, 1003), (2001,)) if quick else (WITHOUT_FAULT, FAULT_SEEDS)
+    wanted = [(process, case, seed) for seed in fault_seeds for process in PROCESSES for case in CASES]
+    wanted += [(process, "none", seed) for seed in without for process in PROCESSES]
     rows = run(wanted, limits, chosen.folder)
     figures = {"cost_mean_ms": float(np.median([row["step_ms"]["mean"] for row in rows]))}
+    faulty = [row for row in rows if row["case"] in CASES and "start" not in row["case"]]
+    figures["fault_welds"] = len(faulty)
+    figures["fault_welds_with_alarm_before"] = sum(bool(row["false"]) for row in faulty)
     figures["cost_p99_ms"] = float(np.median([row["step_ms"]["p99"] for row in rows]))
     tables = {}
     for process in PROCESSES:
         free = [row for row in rows if row["process"] == process and row["case"] == "none"]
         bad = [row for row in free if row["false"]]
+        once = [bool(row["false"]) for row in free if row["seed"] > MENDED_BY]
+        figures |= {f"{process}_welds_looked_at_once": len(once), f"{process}_of_them_with_false_alarm": sum(once)}
         figures[f"{process}_welds_without_fault"] = len(free)
         figures[f"{process}_welds_with_false_alarm"] = len(bad)
         figures[f"{process}_false_alarm_most_percent"] = 100.0 * wilson(len(bad), len(free))[1]
@@ -364,14 +379,12 @@ def main():
         tables[process] = {case: summary(rows, process, case) for case in CASES}
         for case, found in tables[process].items():
             figures |= {f"{process}: {case}: {name}": value for name, value in found.items()}
+    free = [row for row in rows if row["case"] == "none"]
+    figures["false_alarm_most_percent"] = 100.0 * wilson(sum(bool(row["false"]) for row in free), len(free))[1]
     show(figures)
     save(figures, chosen.json)
     if not quick:
-        text = (
-            templates(Path(__file__).parent)
-            .get_template("monitor.md.j2")
-            .render(figures=figures, tables=tables, limits=limits, aims=AIMS_S)
-        )
+        text = templates(Path(__file__).parent).get_template("monitor.md.j2").render(figures=figures, tables=tables)
         chosen.page.write_text(text, encoding="utf-8")
 
 

@@ -9,9 +9,9 @@ each move has a variable of its own). The library eliminates those; HPIPM, which
 
 ``NAME_ms`` is the CPU time in the solver, ``NAME_interface_ms`` what CasADi adds to it, ``NAME_warm_ms`` the same
 started from the last plan. ``own_ms`` is the library's solver from the last plan without the prediction, which is
-``prediction_ms``. ``ratio_NAME`` is the time over the library's, of the faster of cold and warm. Solutions are judged
-by their cost: ``excess_NAME`` is the largest relative difference to the best. The exit code is 1 if the library's own
-solution is not the best.
+``prediction_ms``; ``iterations`` are its, ``active`` the limits that its solution is at. ``ratio_NAME`` is the time
+over the library's, of the faster of cold and warm. Solutions are judged by their cost: ``excess_NAME`` is the largest
+relative difference to the best. The exit code is 1 if the library's own solution is not the best.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 #: costs that differ by more, relatively, are not of a solution
 SAME_COST = 1e-3
+#: what is so near to a limit is at it
+AT_LIMIT = 1e-4
 #: as in the library: a move without a cost still has a smallest one
 _LEAST_CURVATURE = 1e-9
 REPEATS = 7
@@ -86,6 +88,13 @@ class Qp:
             over = np.where(self.a[rows, column] < 0, at_moves[rows] - self.u[rows], self.l[rows] - at_moves[rows])
             x[column] = max(0.0, *over)
         return float(0.5 * x @ self.h @ x + self.g @ x + self.constant)
+
+    def active(self, moves: Vector) -> int:
+        """How many limits of scaled moves and of inputs these moves are at."""
+        n = len(moves)
+        inputs = self.a[-n:, :n] @ moves
+        at_input = (inputs < self.l[-n:] + AT_LIMIT) | (inputs > self.u[-n:] - AT_LIMIT)
+        return int(np.sum(np.abs(moves) > 1.0 - AT_LIMIT) + np.sum(at_input))
 
 
 def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
@@ -206,7 +215,9 @@ def compare(preset: str, quick: bool) -> Figures:
         prediction_s = median_s(lambda start=start, plan=plan: predict(library, start, plan))
         whole_s = median_s(lambda problem=problem, plan=plan: solve(library, problem, plan))
         own_s = whole_s - prediction_s
+        series["iterations"].append(library.output.iterations)
         largest = np.outer(library.horizon.block_reach, list(library.state.tuning.move_max)).ravel()
+        series["active"].append(qp.active(own_moves / largest))
         costs = {"own": qp.cost(own_moves / largest)}
         for name in names:
             cold, warm = by_casadi(name, qp, False), by_casadi(name, qp, True)

@@ -14,8 +14,8 @@ from distributed.client import FutureCancelledError
 
 from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_batch
+from fsw_schema.models import InputError
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
@@ -158,7 +158,7 @@ def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
             scheduler.kill()
             scheduler.wait()
 
-        with pytest.raises(CampaignError, match="the scheduler is gone"), engine.connect(address, None) as client:
+        with pytest.raises(InputError, match="the scheduler is gone"), engine.connect(address, None) as client:
             engine.run(written, client, kill)
     rows = found(tmp_path / "out")
     assert rows and all(row in expected for row in rows)
@@ -179,7 +179,7 @@ def test_the_scheduler_may_be_lost_between_two_questions_to_a_future(file, tmp_p
     monkeypatch.setattr(engine, "as_completed", lambda **options: Queue([future]))
     with (
         Dataset(tmp_path / "out", definition.load(file)) as written,
-        pytest.raises(CampaignError, match="the scheduler is gone"),
+        pytest.raises(InputError, match="the scheduler is gone"),
     ):
         engine.run(written, client)
 
@@ -194,5 +194,5 @@ class Queue(list):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "foo://host:1"])
 def test_no_scheduler_is_one_line(monkeypatch, address):
     monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
-    with pytest.raises(CampaignError, match="no scheduler answers"):
+    with pytest.raises(InputError, match="no scheduler answers"):
         engine.connect(address, None).__enter__()

@@ -155,12 +155,17 @@ def test_each_requirement_has_a_test_that_is_run_without_full(safety_case: Modul
     assert set(requirements) - set(safety_case.marked(full=False)) == set()
 
 
+def is_program(text: str) -> bool:
+    """Whether a module has a ``main`` of its own, or one of those of all nodes."""
+    return bool(re.search(r"^(def main\(|main = )", text, re.MULTILINE))
+
+
 def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) -> None:
     """A file that names the node's module, and has a test without the mark."""
     texts = [path.read_text(encoding="utf-8") for path in safety_case.test_files()]
     texts = [text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)]
     texts = [text for text in texts if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)]
-    nodes = [path for path in (WORKSPACE / "src").glob("*/*/*_node.py") if "\ndef main(" in path.read_text("utf-8")]
+    nodes = [path for path in (WORKSPACE / "src").glob("*/*/*_node.py") if is_program(path.read_text("utf-8"))]
     assert len(nodes) >= 10
     named = [rf"\b{path.parent.name}(\.| import (\w+, )*){path.stem}\b" for path in nodes]
     assert [name for name in named if not any(re.search(name, text) for text in texts)] == []

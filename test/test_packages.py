@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
-    "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
+    "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
     "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model", "fsw_recorder", "fsw_msgs"},
     # of fsw_plant: what disturbs it
     "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},

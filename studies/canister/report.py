@@ -10,7 +10,7 @@ import numpy as np
 
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
-from fsw_analysis.figure_style import COLOURS, STYLE, colours_of, shade_phases
+from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.report import table, templates, wilson
 from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
@@ -53,12 +53,16 @@ _PER_TIME = ("moved_kn", "moved_rpm", "fastest_s")
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
-    """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures."""
+    """Of rows of welds: how many, and by phase and controller the share inside the limits and the figures.
+
+    Controllers that have welded nothing are left out.
+    """
+    controllers = [one for one in CONTROLLERS if any(row["controller"] == one for row in rows)]
     found: dict[str, Any] = {"welds": {}, "stopped": {}, "phases": {}, "saturated": _saturated(rows)}
     line = [row for row in rows if row["phase"] == "joint_line"]
     found["oscillating"] = {
         controller: [1e3 * row["depth_sigma_mm"] for row in line if _oscillates(row, controller)]
-        for controller in CONTROLLERS
+        for controller in controllers
     }
     found["software"] = sorted({row["software"] for row in rows if "software" in row})
     bad = [row["phase"] for row in rows if row["phase"] and not row["good"]]
@@ -69,10 +73,10 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             for row in rows
             if row["controller"] == controller and row["phase"] == "downward" and not row["good"]
         ]
-        for controller in CONTROLLERS
+        for controller in controllers
     }
     found["best"] = _best(rows)
-    for controller in CONTROLLERS:
+    for controller in controllers:
         own = [row for row in rows if row["controller"] == controller]
         stopped = [row for row in own if "stopped" in row]
         indices = {row["index"] for row in own}
@@ -132,14 +136,15 @@ def _saturated(rows: Sequence[Row]) -> dict[int, dict[str, Any]]:
 
 def shares(verdict: Mapping[str, Any]) -> list[list[str]]:
     """Share of welds inside the limits, by phase and for the whole weld."""
-    rows = [["phase", *(f"`{one}`" for one in CONTROLLERS)]]
+    names = list(verdict["welds"])
+    rows = [["phase", *(f"`{one}`" for one in names)]]
     for phase, of in verdict["phases"].items():
-        rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in CONTROLLERS)])
-    welds = [verdict["welds"][c] for c in CONTROLLERS]
+        rows.append([phase, *(f"{100 * of[c]['share_good']:.0f} %" if c in of else "-" for c in names)])
+    welds = verdict["welds"].values()
     rows.append(["**all phases**", *(_counted(one["good"], one["welds"]) for one in welds)])
     rows.append([f"all, with {_LONGER_S:g} s", *(_counted(one["nearly"], one["welds"]) for one in welds)])
     best = verdict["best"]
-    rows.append(["smallest error of the weld", *(f"{100 * best[c]:.0f} %" if c in best else "-" for c in CONTROLLERS)])
+    rows.append(["smallest error of the weld", *(f"{100 * best[c]:.0f} %" if c in best else "-" for c in names)])
     return rows
 
 
@@ -153,10 +158,11 @@ def _counted(good: int, welds: int) -> str:
 
 def figures(verdict: Mapping[str, Any], phase: str) -> list[list[str]]:
     """The figures of a phase."""
-    rows = [[phase.replace("_", " "), *(f"`{one}`" for one in CONTROLLERS)]]
+    names = list(verdict["welds"])
+    rows = [[phase.replace("_", " "), *(f"`{one}`" for one in names)]]
     of = verdict["phases"][phase]
     for name, (words, factor, style) in _FIGURES.items():
-        rows.append([words, *(format(factor * of[c][name], style) if c in of else "-" for c in CONTROLLERS)])
+        rows.append([words, *(format(factor * of[c][name], style) if c in of else "-" for c in names)])
     return rows
 
 
@@ -263,12 +269,8 @@ def powers(weld: Mapping[str, Any]) -> list[list[str]]:
 
 def draw(data: Mapping[str, Any], path: Path) -> None:
     """Steps, the needed power over the weld, and the error of the reduction."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
     validation = data["validation"]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 8.5), layout="constrained")
+    with sheet(9.0, 8.5, path) as figure:
         steps, power, wrong = figure.subplots(3, 1, height_ratios=(1.3, 1.0, 0.7))
         _draw_steps(steps, validation["steps"])
         weld, reduced = validation["weld"], validation["reduced"]
@@ -287,18 +289,12 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
                 power.annotate(
                     name.replace("_", " "), (begin / 60.0 + 0.1, min(weld["minutes_kw"])), **_SMALL, rotation=90
                 )
-        figure.savefig(path)
 
 
 def draw_shares(data: Mapping[str, Any], path: Path) -> None:
     """The verdict by phase."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-        _draw_shares(figure.subplots(), data["verdict"]["phases"])
-        figure.savefig(path)
+    with sheet(9.0, 3.2, path) as figure:
+        _draw_shares(figure.subplots(), data["verdict"])
 
 
 def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
@@ -312,11 +308,12 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     axis.legend(fontsize=8)
 
 
-def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
-    width = 0.8 / len(CONTROLLERS)
-    for i, (controller, colour) in enumerate(zip(CONTROLLERS, colours_of(CONTROLLERS), strict=True)):
+def _draw_shares(axis: Any, verdict: Mapping[str, Any]) -> None:
+    phases, names = verdict["phases"], tuple(verdict["welds"])
+    width = 0.8 / len(names)
+    for i, (controller, colour) in enumerate(zip(names, colours_of(names), strict=True)):
         shares = [100.0 * of[controller]["share_good"] if controller in of else np.nan for of in phases.values()]
-        places = np.arange(len(phases)) + (i - 0.5 * (len(CONTROLLERS) - 1)) * width
+        places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
         axis.bar(places, shares, 0.9 * width, label=controller, color=colour)
         for place, share in zip(places, shares, strict=True):
             if np.isfinite(share):
@@ -324,7 +321,7 @@ def _draw_shares(axis: Any, phases: Mapping[str, Any]) -> None:
     axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
     axis.set(ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits")
     axis.grid(axis="x", visible=False)
-    axis.legend(fontsize=8, ncols=len(CONTROLLERS), loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    axis.legend(fontsize=8, ncols=len(names), loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def write(data: Mapping[str, Any], folder: Path) -> list[Path]:

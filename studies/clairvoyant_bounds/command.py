@@ -14,7 +14,9 @@ from fsw_scenario.standard_cases import EVENTS
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Compute the errors that no controller can go below.")
+    parser = argparse.ArgumentParser(
+        description="Compute the smallest errors that a controller could have that knows all events."
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write them, with the fronts, as JSON")
     parsed = parser.parse_args(arguments)
     found = bounds()

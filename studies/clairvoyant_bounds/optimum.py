@@ -1,8 +1,9 @@
-"""The clairvoyant optimum: what no controller can beat.
+"""The clairvoyant optimum: what even a controller that knows all can hardly beat.
 
 A nonlinear program on the process model itself (the same step, dead time and limits as the plant), in which every move
-of force and speed is free from the tick of an event on. Minimising the error of one output alone gives a true lower
-bound of that figure; minimising weighted sums gives the Pareto front of both.
+of force and speed is free from the tick of an event on. Minimising the error of one output alone gives the best that is
+found for that figure; minimising weighted sums gives the front of both. The program is not convex and the solver is a
+local one, so none of these is a certified bound; further starts of the search show how far they differ.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ Vector = NDArray[np.float64]
 _WIDTH = 2 + N_STATES + N_POWER + 4
 #: usual sizes of the states, which the solver works in
 _SIZES = np.array([0.1, 0.1, 1e-4, 10.0, 10.0, 100.0])
+#: of random inputs that a search starts with
+_HELD_TICKS = 40
 #: only makes the optimum unique
 _REGULARISATION = 1e-6
 
@@ -57,7 +60,14 @@ class Clairvoyant:
         self._ticks = round(window_s / STEP_S)
         self._program, self._bounds = self._build()
 
-    def best(self, rest: Reference, goal: Reference, per_mm: float, per_c: float) -> Optimum:
+    def best(
+        self,
+        rest: Reference,
+        goal: Reference,
+        per_mm: float,
+        per_c: float,
+        generator: np.random.Generator | None = None,
+    ) -> Optimum:
         """Minimise ``per_mm`` times the depth's IAE plus ``per_c`` times the temperature's.
 
         Parameters
@@ -65,6 +75,8 @@ class Clairvoyant:
         rest, goal : Reference
             Where the process rests, and where it has to go; with a disturbance of an output, less the disturbance.
         per_mm, per_c : float
+        generator : numpy.random.Generator, optional
+            Start the search with random force and speed within their limits; by default with those at rest.
         """
         n, p = self._ticks, self.model.parameters
         start = self.model.equilibrium(rest.depth_mm, rest.temperature_c)
@@ -74,6 +86,8 @@ class Clairvoyant:
         guess[:, :2] = held
         guess[:, 2 : 2 + N_STATES] = np.array(start.state.x) / _SIZES
         guess[:, -4:] = 0.01
+        if generator is not None:
+            guess[:, :2] = self._random_inputs(generator)
         given = np.array([*aim, per_mm, per_c, *held, *start.state.x, *start.state.power[0]])
         found = self._program(x0=guess.ravel(), p=given, **self._bounds)
         rows = np.array(found["x"]).reshape(n, _WIDTH)
@@ -86,6 +100,13 @@ class Clairvoyant:
             rows[:, 1],
             bool(self._program.stats()["success"]),
         )
+
+    def _random_inputs(self, generator: np.random.Generator) -> Vector:
+        """Force and speed, shape (n, 2), constant over some seconds each."""
+        lim = Limits()
+        low, high = (lim.force_min_kn, lim.speed_min_rpm), (lim.force_max_kn, lim.speed_max_rpm)
+        drawn = generator.uniform(low, high, size=(-(-self._ticks // _HELD_TICKS), 2))
+        return np.repeat(drawn, _HELD_TICKS, axis=0)[: self._ticks]
 
     def _build(self) -> tuple[ca.Function, dict[str, Vector]]:
         model, lim, n = self.model, Limits(), self._ticks

@@ -32,6 +32,7 @@ def compare(out: Path, plants: int) -> dict[str, Any]:
     """All parts but other models; draws the figures."""
     data = {"nominal": study.nominal(), "sweep": study.sweep(SWEEP), "bounds": bounds()}
     data |= {"margins": study.margins(), "aggressiveness": study.aggressiveness(), "wins": study.wins()}
+    data |= {"matched": study.matched(), "below_noise": study.below_noise(), "corridors": study.corridors()}
     data["random"] = study.random_plants(plants)
     figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
     figures.random_plants(data["random"], out / "random_plants.png")

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure as Canvas
 
-from controller_comparison.study import CONTROLLERS
-from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, STYLE
+from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
+from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
 from fsw_scenario.standard_runs import JUDGED, Job, weld
 
@@ -30,14 +27,11 @@ def set_point_steps(path: Path) -> None:
 
 
 def corridors(folder: Path) -> None:
-    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open."""
+    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open, and one more."""
     runs = []
-    for name in ("constant", "cold_start", "recentred"):
-        with TemporaryDirectory() as scratch:
-            file = Path(scratch) / f"{name}.yaml"
-            file.write_text(f"trajectory: {name}\n", encoding="utf-8")
-            job = Job("nmpc", "tracking", parameters={"preset": "paper", "tuning_file": str(file)})
-            runs.append(Run(name, weld(job)))
+    for name in ("constant", "cold_start", "recentred", "recentred_ahead"):
+        with paper_with(CORRIDORS[name]) as parameters:
+            runs.append(Run(name, weld(Job("nmpc", "tracking", parameters=parameters))))
     _draw(runs, (6, 7), folder, "corridors")
 
 
@@ -47,9 +41,8 @@ def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> N
 
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
-    """Per event: the front that no controller can pass, and where the controllers are."""
-    with rc_context(STYLE):
-        canvas = Canvas(figsize=(11.0, 6.6), layout="constrained")
+    """Per event: the front of the clairvoyant optima, and where the controllers are."""
+    with sheet(11.0, 6.6, path) as canvas:
         axes = canvas.subplots(2, 3).flat
         for axis, (name, found) in zip(axes, bounds.items(), strict=True):
             points = np.array(sorted(found["front"]))
@@ -61,13 +54,11 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
         handles, labels = canvas.axes[0].get_legend_handles_labels()
         canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
         canvas.legend(handles, labels, loc="lower center", ncols=6, frameon=False)
-        canvas.savefig(path)
 
 
 def random_plants(data: Mapping[str, Any], path: Path) -> None:
     """Distribution of the default NMPC's IAE over the better PI's."""
-    with rc_context(STYLE):
-        canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
+    with sheet(8.0, 4.2, path) as canvas:
         axis = canvas.subplots()
         for colour, (key, values) in zip(COLOURS, data["ratios"].items(), strict=False):
             axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED[key])
@@ -82,4 +73,3 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
         axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axis.minorticks_off()
         axis.legend(loc="lower right")
-        canvas.savefig(path)

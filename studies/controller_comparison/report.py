@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, TOLERANCE, VARIATIONS, ratios
+from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
 from fsw_analysis.report import table, templates
+from fsw_scenario.margins import texts
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
 from fsw_scenario.standard_runs import JUDGED, failed
 
 Rows = list[list[str]]
 #: the pages, each with the part of the data that it cannot do without
-PAGES = {"README": "nominal", "other-processes": "sweep", "other-models": "other_models", "losses": "wins"}
+PAGES = {
+    "README": "nominal",
+    "other-processes": "sweep",
+    "other-models": "other_models",
+    "losses": "wins",
+    "corridors": "corridors",
+}
 #: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 
@@ -59,7 +65,7 @@ def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
         found = nominal[label]["clean"]["events"]
         peak = max(found[e]["peak_temperature_error_c"] for e in columns if EVENTS[e].of_depth)
         rows.append([f"`{label}`", *(_iae(found, e) for e in columns), f"{peak:.2f}"])
-    rows.append(["lower bound (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
+    rows.append(["best found (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
     return table(rows).splitlines()
 
 
@@ -102,8 +108,49 @@ def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain and delay margins."""
     rows = [["", "depth: gain", "temperature: gain", "depth: delay", "temperature: delay"]]
     for label, found in data.items():
-        gains = ["> 8" if math.isinf(found[key]) else f"{found[key]:.2g}" for key in ("depth_gain", "temperature_gain")]
-        rows.append([label, *gains, f"{found['depth_delay_s']:.1f} s", f"{found['temperature_delay_s']:.1f} s"])
+        words = texts(found)
+        rows.append(
+            [label, *(words[key] for key in ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s"))]
+        )
+    return rows
+
+
+def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
+    """Margins of the temperature, errors and movements."""
+    moved = [KPIS[key] for key in VARIATIONS]
+    rows = [["IAE [mm s, °C s], movement", "gain margin", "delay margin", *JUDGED.values(), *moved]]
+    for name, of in data.items():
+        margins = texts({key: of[key] for key in ("temperature_gain", "temperature_delay_s")})
+        iae = [f"{of[key]:.3g}" for key in JUDGED]
+        rows.append([name, *margins.values(), *iae, *(f"{of[key]:.0f}" for key in VARIATIONS)])
+    return rows
+
+
+def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
+    """Mean absolute errors with disturbances below the noise, and at rest."""
+    heads = {"iae_depth_mm_s": "depth [µm]", "iae_temperature_c_s": "temperature [m°C]"}
+    cases = {"disturbed": "disturbed", "rest": "at rest"}
+    rows = [["mean absolute error", *(f"{head}, {case}" for head in heads.values() for case in cases.values())]]
+    for label, of in data.items():
+        rows.append([label, *(f"{of[f'{case} {key}']:.3g}" for key in heads for case in cases)])
+    return rows
+
+
+def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
+    """Smallest and largest error of the matched NMPC as shares of a rival's, in words."""
+    shares = [100.0 * data[MATCHED][key] / data[rival][key] for key in JUDGED]
+    return f"{min(shares):.0f} to {max(shares):.0f} %"
+
+
+def corridor_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
+    """The temperature with each kind of corridor."""
+    heads = ("depth steps disturb it, up and down", "IAE, set-points", "IAE, disturbances", "movement of the speed")
+    rows = [["temperature", *heads, "gain margin", "delay margin"]]
+    for name, of in data.items():
+        peaks = [of[f"peak_temperature_in_depth_step_{way}_c"] for way in ("up", "down")]
+        cells = [f"{peaks[0]:.2f}, {peaks[1]:.2f} °C", *(f"{of[case]:.0f} °C s" for case in CASES)]
+        words = texts({key: of[key] for key in ("temperature_gain", "temperature_delay_s")})
+        rows.append([name, *cells, f"{of['speed_rpm']:.0f} rpm", *words.values()])
     return rows
 
 
@@ -152,14 +199,31 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
 def pages(data: Mapping[str, Any]) -> dict[str, str]:
     """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
     environment = templates(Path(__file__).parent)
-    functions = (errors, other_output, totals, sweep_rows, worse, margin_rows, knob_rows, random_rows, loss_rows)
+    functions = (
+        errors,
+        other_output,
+        totals,
+        sweep_rows,
+        worse,
+        margin_rows,
+        matched_rows,
+        matched_share,
+        small_rows,
+        corridor_rows,
+        knob_rows,
+        random_rows,
+        loss_rows,
+    )
     environment.globals |= {function.__name__: function for function in (*functions, table, failed, ratios, quantiles)}
     environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
     environment.globals |= {
         "default": DEFAULT,
         "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
     }
-    parts = {**dict.fromkeys(("bounds", "margins", "other_models", "random", "wins")), **data}
+    parts = {
+        **dict.fromkeys(("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "wins")),
+        **data,
+    }
     return {
         f"{name}.md": environment.get_template(f"{name}.md.j2").render(parts)
         for name, part in PAGES.items()

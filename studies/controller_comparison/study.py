@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import yaml
 
-from controller_comparison.processes import FIXED, REST, SMALL_STEPS, SWEEP, VALIDATION_CASES, random_factors
+from controller_comparison.processes import BELOW_NOISE, FIXED, REST, SWEEP, VALIDATION_CASES, random_factors
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
-from fsw_control.contract import Command
-from fsw_model import STEP_S
-from fsw_model import nominal as model_nominal
 from fsw_scenario import standard_runs
+from fsw_scenario.margins import Loops, largest_gain, slower_for
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
-from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed, loop_of
+from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed
 
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 CONTROLLERS = (*DECENTRALIZED, SMITH, "nmpc:paper", DEFAULT)
@@ -33,8 +33,19 @@ KPIS = {
 VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
 #: A figure of merit is lost when it is worse than the best rival's by more than this share.
 TOLERANCE = 0.005
+#: Of the sensors' noise, over which a mean is taken.
+_SEEDS = 5
+_SMALL = {"disturbed": BELOW_NOISE, "rest": REST}
+#: The NMPC with the margins of the tight PI.
+MATCHED = f"{DEFAULT}, matched"
+#: Of the plant: a tick between command and drives.
+LATENCY = {"actuators.dead_time_ticks": 1}
+#: Ways to start the corridors of ``nmpc:paper``: fields of its tuning.
+CORRIDORS: dict[str, dict[str, str | float]] = {
+    **{name: {"trajectory": name} for name in ("constant", "cold_start", "recentred", "recentred_ahead")},
+    "recentred_ahead, τ 3 s": {"trajectory": "recentred_ahead", "temperature_time_s": 3.0},
+}
 _AGGRESSIVENESS = (1.0, 0.7, 0.5, 0.35)
-_LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
 
 
 def _run_all(title: str, jobs: Sequence[Job]) -> dict[Job, Figures]:
@@ -87,56 +98,73 @@ def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str] = DE
     return {key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran] for key in JUDGED}
 
 
-class _LateForce:
-    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
-
-    def __init__(self, plant: Any, ticks: int) -> None:
-        self._plant = plant
-        self._under_way = deque([plant.applied.force_kn] * ticks)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._plant, name)
-
-    def apply(self, command: Command, stamp_ns: int, source: str) -> None:
-        self._under_way.append(command.force_kn)
-        self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
-
-
-def is_stable(
-    controller: str, plant: Mapping[str, float | str], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
-) -> bool:
-    """Whether small steps of both set-points die out, without noise, with the force so many ticks late.
-
-    What swings by ten times the step and more does not die out, even if the bounds of the drives make it smaller.
-    """
-    loop = loop_of(Job(controller, SMALL_STEPS, plant=plant, parameters=parameters or {}))
-    loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
-    truth = loop.run().truth
-    assert truth is not None  # a simulation has it
-    for value, floor, most in ((truth.depth_mm, 1e-4, 0.1), (truth.temperature_c, 1e-2, 5.0)):
-        earlier, later = np.ptp(value[-1200:-600]), np.ptp(value[-600:])
-        if later > min(max(0.9 * earlier, floor), most):
-            return False
-    return True
-
-
 def margins(labels: Sequence[str] = FINALISTS) -> dict[str, dict[str, float]]:
     """Gain and delay margin of each loop, found by simulation of small steps with the other loop closed."""
     return dict(zip(labels, standard_runs.on_all_cores(_margins, labels), strict=True))
 
 
 def _margins(label: str) -> dict[str, float]:
-    dead_time_s = model_nominal().dead_time_s
+    return Loops(label).margins()
 
-    def with_dead_time(ticks: int) -> bool:
-        return is_stable(label, {"model.dead_time_s": (dead_time_s + STEP_S * ticks) / dead_time_s})
+
+def matched() -> dict[str, Any]:
+    """With noise and a tick of loop latency: the finalists, and the NMPC slowed to the margins of the tight PI."""
+    slower = slower_for(Loops(TIGHT).margins())
+    knob = {"temperature_aggressiveness": 1.0 / slower}
+    entrants: dict[str, tuple[str, dict[str, float]]] = {label: (label, {}) for label in FINALISTS}
+    entrants[MATCHED] = (DEFAULT, knob)
+    data: dict[str, Any] = {"slower": slower, "entrants": {}}
+    for name, (label, parameters) in entrants.items():
+        runs = {case: standard_runs.figures(Job(label, case, True, LATENCY, parameters)) for case in CASES}
+        moved = {key: runs["tracking"][key] for key in VARIATIONS}
+        iae = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
+        data["entrants"][name] = Loops(label, parameters).temperature() | iae | moved
+    return data
+
+
+def below_noise() -> dict[str, dict[str, float]]:
+    """Mean absolute errors with disturbances that are smaller than a jump of the noise, and at rest; of some seeds."""
+    keys = ("iae_depth_mm_s", "iae_temperature_c_s")
+    jobs = {
+        (label, case, seed): Job(label, case, True, {"seed": seed})
+        for label in FINALISTS
+        for case in (BELOW_NOISE, REST)
+        for seed in range(1, _SEEDS + 1)
+    }
+    results = _run_all("disturbances below the noise", list(jobs.values()))
+
+    def rate(label: str, case: str, key: str) -> float:
+        runs = [results[jobs[label, case, seed]] for seed in range(1, _SEEDS + 1)]
+        return float(np.mean([run[key] / run["duration_s"] for run in runs]))
 
     return {
-        "depth_gain": _largest_gain(lambda gain: is_stable(label, {"model.depth_gain_mm_per_kn_s": gain})),
-        "temperature_gain": _largest_gain(lambda gain: is_stable(label, {"model.thermal_gain_c_per_kw": gain})),
-        "depth_delay_s": STEP_S * _latest(lambda ticks: is_stable(label, {}, force_ticks=ticks)),
-        "temperature_delay_s": STEP_S * _latest(with_dead_time),
+        label: {f"{name} {key}": 1e3 * rate(label, case, key) for key in keys for name, case in _SMALL.items()}
+        for label in FINALISTS
     }
+
+
+def corridors() -> dict[str, dict[str, float]]:
+    """Figures of the temperature with each way to start the corridors of ``nmpc:paper``, without noise."""
+    return dict(zip(CORRIDORS, standard_runs.on_all_cores(_corridor, list(CORRIDORS)), strict=True))
+
+
+def _corridor(name: str) -> dict[str, float]:
+    with paper_with(CORRIDORS[name]) as parameters:
+        runs = {case: standard_runs.figures(Job("nmpc", case, parameters=parameters)) for case in CASES}
+        found = {case: float(run["iae_temperature_c_s"]) for case, run in runs.items()}
+        for key in ("peak_temperature_in_depth_step_up_c", "peak_temperature_in_depth_step_down_c"):
+            found[key] = float(runs["tracking"][key])
+        found["speed_rpm"] = float(runs["tracking"]["total_variation_speed_rpm"])
+        return found | Loops("nmpc", parameters).temperature()
+
+
+@contextmanager
+def paper_with(fields: Mapping[str, str | float]) -> Iterator[dict[str, str]]:
+    """Parameters of the NMPC with its preset ``paper`` and other values of some fields of the tuning."""
+    with TemporaryDirectory() as scratch:
+        file = Path(scratch) / "tuning.yaml"
+        file.write_text(yaml.safe_dump(dict(fields)), encoding="utf-8")
+        yield {"preset": "paper", "tuning_file": str(file)}
 
 
 def aggressiveness() -> dict[str, dict[str, float]]:
@@ -146,32 +174,8 @@ def aggressiveness() -> dict[str, dict[str, float]]:
 
 def _with_knob(knob: Mapping[str, float]) -> dict[str, float]:
     errors = {case: standard_runs.figures(Job(DEFAULT, case, parameters=knob))["iae_temperature_c_s"] for case in CASES}
-    margin = _largest_gain(lambda gain: is_stable(DEFAULT, {"model.thermal_gain_c_per_kw": gain}, parameters=knob))
+    margin = largest_gain(lambda gain: Loops(DEFAULT, knob).is_stable(thermal_gain_c_per_kw=gain))
     return errors | {"temperature_gain": margin}
-
-
-def _largest_gain(stable: Callable[[float], bool]) -> float:
-    """Largest factor on a gain at which the loop is stable, to 2 %; inf beyond 8."""
-    if stable(_LARGEST_GAIN):
-        return math.inf
-    low, high = 1.0, _LARGEST_GAIN
-    while high > 1.02 * low:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
-
-
-def _latest(stable: Callable[[int], bool]) -> int:
-    """Largest number of ticks at which ``stable`` holds."""
-    low, high = 0, 1
-    while stable(high):
-        if high == _LARGEST_DELAY_TICKS:
-            return high
-        low, high = high, min(2 * high, _LARGEST_DELAY_TICKS)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
 
 
 def wins() -> dict[str, Any]:

@@ -248,6 +248,8 @@ class Weld(Spinner):
 
     @property
     def leader(self):
+        """The one that leads; on a busy machine two may do so for a moment, until one of them steps back."""
+        self.until(lambda: [*map(self.role, self.supervisors)].count("active") == 1, "one leader")
         return next(name for name in self.supervisors if self.role(name) == "active")
 
     # ---- what is done to it

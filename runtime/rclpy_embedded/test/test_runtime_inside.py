@@ -15,8 +15,10 @@ from rclpy import executors
 from rclpy.context import Context
 from rclpy.impl import dds, memory, session
 from rclpy.impl.dds import matched
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import TimerInfo
+from rclpy.wait_for_message import wait_for_message
 from rclpy.waitable import Waitable
 from std_msgs.msg import String
 
@@ -44,6 +46,24 @@ def test_endpoints_are_deleted_side_by_side_at_the_end(context: Context, monkeyp
     context.shutdown()
     node.destroy_node()
     assert sorted(met) == [0, 1, 2, 3]
+
+
+def test_waiting_for_a_message_sleeps_until_it_comes(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = []
+    take = Subscription.take
+    monkeypatch.setattr(Subscription, "take", lambda self: looks.append(time.monotonic()) or take(self))
+    assert wait_for_message(String, node, "never", time_to_wait=0.3) == (False, None)
+    assert len(looks) <= 3  # at the beginning, at the end, and once more for a wait that ends early
+
+
+def test_a_shutdown_ends_the_wait_for_a_message(context: Context, node: Any, wait_until: Any) -> None:
+    found: list[tuple[bool, Any]] = []
+    thread = threading.Thread(target=lambda: found.append(wait_for_message(String, node, "never")))
+    thread.start()
+    assert wait_until(lambda: node.count_subscribers("never") == 1)
+    context.shutdown()
+    thread.join(240.0)
+    assert found == [(False, None)]
 
 
 def test_rmw_identifier() -> None:

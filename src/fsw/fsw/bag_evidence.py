@@ -76,7 +76,7 @@ def verified(arguments: argparse.Namespace) -> int:
     trusted = [load_public(path) for path in arguments.key or [default.with_name(f"{default.name}.pub")]]
     chain = read_chain(arguments.chain, trusted) if arguments.chain else None
     problems = list(chain.problems) if chain else []
-    if chain is not None and not chain.entries:
+    if chain is not None and not chain.entries and not problems:
         problems.append(f"{chain.folder}: there is no attested weld in it")
     if chain is not None:
         _print_chain(chain)
@@ -87,7 +87,8 @@ def verified(arguments: argparse.Namespace) -> int:
         problems += lines
         results.append({"bag": str(bag), "findings": [one._asdict() for one in found]})
         if not lines and attested is not None:
-            print(f"{bag}: proven: {_words(attested, chain)}")
+            with_it = [f"{path.name} as attested" for path in arguments.documents]
+            print(f"{bag}: proven: {'; '.join([_words(attested, chain), *with_it])}")
     for problem in problems:
         print(problem)
     write_json(arguments.json, {"chain": list(chain.problems) if chain else None, "bags": results})

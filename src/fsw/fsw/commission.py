@@ -28,6 +28,7 @@ from fsw.commissioning import (
     check_experiment,
     check_rows,
     identify_rows,
+    margin_rows,
     outcome_of,
     tune_rows,
     write_report,
@@ -46,6 +47,7 @@ from fsw_identification import report, summary
 from fsw_model import ModelParameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.standard_cases import DEFAULT, TIGHT
 from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 from fsw_schema.models import InputError, content_of, read_text, validate
 from fsw_schema.ranges import Range
@@ -56,6 +58,8 @@ _COURSE, _REPORT = "commission.yaml", "report.md"
 _TICKS = 100
 #: the experiment ends with a return to the operating point, which takes so long
 _RETURN_S = 30.0
+#: what to do when ticks were not commanded
+_TOO_FAST = "; where the graph cannot keep up with the emulator, start that with -p speed:=0.0, so that it waits"
 _TUNINGS = ("conservative", "tight", "smith")
 
 
@@ -187,10 +191,14 @@ class Work:
         """Search for the tunings."""
         self._tuned.mkdir(exist_ok=True)
         model = ModelParameters.from_file(self._model)
-        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, self._origin(self._model))
-        gains = {name: start_of(name, model).changed(**own[f"decentral:{name}"]) for name in NAMES}
+        origin = self._origin(self._model)
+        own = write_tunings(self._model, self._tuned, self._arguments.evaluations, origin, matched=True)
+        gains = {name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"]) for name in NAMES}
         found = {name: robustness(one, model) for name, one in gains.items()}
-        return outcome_of(tune_rows(found, BOUNDS), _now(), "files in tuned")
+        rows = tune_rows(found, BOUNDS)
+        if self._arguments.controller == "nmpc":
+            rows += margin_rows(own.margins[DEFAULT], own.margins[TIGHT], model)
+        return outcome_of(rows, _now(), "files in tuned")
 
     def apply(self) -> Outcome:
         """Set the gains of the decentralized controller; the NMPC must have been started with its file."""
@@ -220,8 +228,9 @@ class Work:
         predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
         found = _cut(read_weld(bag), scenario)
         measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
-        rows = accept_rows(measured, usual, found.command_source, name)
-        return outcome_of(rows, _now(), f"recorded to {bag.name}")
+        commands = list(zip(found.command_source, found.command_reason, strict=True))
+        rows = accept_rows(measured, usual, commands, name)
+        return outcome_of(rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}")
 
     def _scenario(self, step: str) -> Scenario:
         """The scenario of a step; the experiment returns to the operating point at its end."""

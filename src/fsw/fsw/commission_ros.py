@@ -53,6 +53,7 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
             raise CommandError(f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}: {counts}")
         reference = node.set_points_in_force(set_points, depths)
     state = states[-1]
+    names = {one.name for one in state.controllers}
     commanded = [convert.command(one) for one in commands]
     force_kn = sum(one.force_kn for one in commanded) / len(commanded)
     speed_rpm = sum(one.speed_rpm for one in commanded) / len(commanded)
@@ -68,6 +69,7 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         controller=state.actual_controller,
         ready=[one.name for one in state.controllers if health(one) == "ready"],
         interlocks=list(state.interlocks),
+        held=[one.reason or one.source for one in commands if one.source not in names],
     )
 
 
@@ -86,8 +88,10 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
         launcher.start("recorder", "fsw_recorder.recorder_node", words)
         why, outcome = _welded(arguments, text, guard, launcher)
         code = launcher.stop("recorder")["recorder"]
+    if outcome is None:
+        raise CommandError(f"{why}; the scenario player does not report the end of the weld: fsw.py weld abort ends it")
     if why:
-        raise CommandError(f"{why}; the weld was aborted, and the safe stop is requested")
+        raise CommandError(f"{why}; {outcome.verdict}: {outcome.message}")
     if outcome.verdict != State.DONE:
         raise CommandError(f"{outcome.verdict}: {outcome.message}")
     if code != 0:
@@ -95,7 +99,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
 
 
 def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: Launcher) -> tuple[str, Any]:
-    """Why the weld was aborted, or its result."""
+    """Why the weld was aborted, and its result, if it has ended."""
     stopped: list[str] = []
 
     def take(sensor: str, value: float) -> None:
@@ -112,18 +116,25 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
                 Temperature, "fsw/thermocouple", lambda one: take("temperature", one.temperature), STREAM
             )
             outcome = follow(node, RunWeld.Goal(scenario=text), lambda: stopped)
-            if outcome is None:
-                abort(node)
-            return "" if outcome is not None else stopped[0], outcome
+            return stopped[0] if stopped else "", outcome
     except KeyboardInterrupt:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C does not keep the weld going
         try:
             with operator(arguments) as node:
-                aborted = abort(node)
+                text = _aborted(node)
         finally:
             signal.signal(signal.SIGINT, before)
-        text = "the weld was aborted, and the safe stop is requested" if aborted else "no weld was under way"
         raise KeyboardInterrupt(text) from None
+
+
+def _aborted(node: Operator) -> str:
+    """Abort whatever weld there is; returns what has come of it, in words."""
+    try:
+        # Twice: a player that was held up takes a goal and what cancels it in any order, so the first may be too early.
+        aborted = abort(node) or abort(node)
+    except CommandError as error:
+        return f"{error}; a weld may go on, or begin yet: fsw.py weld abort ends it"
+    return "the weld was aborted, and the safe stop is requested" if aborted else "no weld was under way"
 
 
 def _is_recorded(node: Operator) -> bool:

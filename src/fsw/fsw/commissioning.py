@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fsw.outputs import write_text
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_model import ModelParameters
 from fsw_scenario.identification_design import AIMS, SAFE_C, SAFE_MM
+from fsw_scenario.margins import GAIN_ACCURACY, texts
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError, Many, Model
 
@@ -30,7 +31,7 @@ STEPS = {
     "check": Step("listen to sensors, drives and supervisor"),
     "experiment": Step("step the set-points for identification, and record", moves=True),
     "identify": Step("estimate the model from the experiment"),
-    "tune": Step("search for tunings of the model, all with the same margins"),
+    "tune": Step("search for tunings of the model, under bounds of robustness"),
     "apply": Step("give the tuning to the running controller, without a bump", moves=True),
     "accept": Step("step the set-points once more, and compare with what the model predicts", moves=True),
 }
@@ -163,6 +164,8 @@ class Heard:
     controller: str
     ready: Sequence[str]
     interlocks: Sequence[str]
+    #: of the ticks in which no controller commanded: why
+    held: Sequence[str]
 
 
 #: noise that a sensor may have, about ten times the emulator's (chosen): depth, torque, temperature
@@ -171,6 +174,8 @@ _NOISE = {"depth_mm": (0.02, "mm"), "torque_nm": (20.0, "N m"), "temperature_c":
 _REST_MM, _REST_C = 0.02, 2.0
 #: share of the samples that may be missing
 _LOST = 0.1
+#: share of the ticks that the controller must command (chosen)
+_COMMANDED = 0.99
 
 
 def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
@@ -186,6 +191,7 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
         _row("interlocks", trouble, "none", not heard.interlocks),
         _row("tick", f"{period_s:.3f} s", f"{weld.TICK_S:g} s", abs(period_s - weld.TICK_S) < 0.05 * weld.TICK_S),
         _row("samples lost", f"{100.0 * lost:.1f} %", f"at most {100.0 * _LOST:g} %", lost <= _LOST),
+        _commanded("a controller", len(heard.time_s), heard.held),
     ]
     for name, (most, unit) in _NOISE.items():
         noise = _noise(getattr(heard, name))
@@ -205,6 +211,14 @@ def check_rows(heard: Heard, needed: Sequence[str]) -> list[Row]:
         off = _mean(getattr(heard, f"{name}_{unit.lower()}"))
         rows.append(_row(f"{name}, off its command", f"{off:+.3g} {unit}", f"at most {most:g}", abs(off) <= most))
     return rows
+
+
+def _commanded(by: str, ticks: int, held: Sequence[str]) -> Row:
+    """How many of the ticks were commanded; ``held``: of the others, why."""
+    share = 1.0 - min(len(held) / ticks, 1.0) if ticks else 0.0
+    why = f", {Counter(held).most_common(1)[0][0]}" if held else ""
+    found = f"{100.0 * share:.1f} %{why}"
+    return _row(f"commanded by {by}", found, f"at least {100.0 * _COMMANDED:g} %", share >= _COMMANDED)
 
 
 def _row(what: str, found: str, limit: str, good: Any) -> Row:
@@ -286,6 +300,20 @@ def tune_rows(robust: Mapping[str, Mapping[str, float]], bounds: Mapping[str, Ma
     ]
 
 
+def margin_rows(found: Mapping[str, float], least: Mapping[str, float], model: ModelParameters) -> list[Row]:
+    """Margins of the NMPC's loops against those of the tight PI."""
+    words, limits = texts(found, model), texts(least, model)
+    return [
+        _row(
+            f"nmpc: margin, {key.removesuffix('_s').replace('_', ', ')}",
+            words[key],
+            f"at least {limits[key]}, that of decentral:tight",
+            found[key] * GAIN_ACCURACY >= least[key],
+        )
+        for key in found
+    ]
+
+
 #: figures of the acceptance test: meaning, unit, factor on what the model predicts, what is permitted beyond (chosen)
 _ACCEPTED = {
     "iae_depth_mm_s": ("IAE depth", "mm s", 1.3, 0.05),
@@ -299,11 +327,17 @@ _ACCEPTED = {
 
 
 def accept_rows(
-    found: Mapping[str, Any], predicted: Mapping[str, Any], sources: NDArray[np.object_], controller: str
+    found: Mapping[str, Any],
+    predicted: Mapping[str, Any],
+    commands: Sequence[tuple[str, str]],
+    controller: str,
 ) -> list[Row]:
-    """Measured figures against those of the weld that the model predicts; and who commanded."""
-    share = float(np.mean(sources == controller)) if len(sources) else 0.0
-    rows = [_row(f"commanded by {controller}", f"{100.0 * share:.1f} %", "at least 99 %", share >= 0.99)]
+    """Measured figures against those of the weld that the model predicts; and who commanded.
+
+    ``commands``: source and reason of the command of each tick.
+    """
+    others = [reason or source for source, reason in commands if source != controller]
+    rows = [_commanded(controller, len(commands), others)]
     for key, (title, unit, factor, more) in _ACCEPTED.items():
         value, usual = found.get(key), predicted.get(key)
         if usual is None:

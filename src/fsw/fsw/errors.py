@@ -8,10 +8,7 @@ from collections.abc import Callable
 
 from fsw.console import program
 from fsw_analysis.kpi import KpiError
-from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
-from fsw_control.parameters import ParameterError
-from fsw_identification.errors import IdentificationError
 from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
@@ -22,18 +19,7 @@ class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
 
 
-SHOWN = (
-    CommandError,
-    CampaignError,
-    IdentificationError,
-    InputError,
-    ParameterError,
-    OperatingPointError,
-    BagError,
-    KpiError,
-    LaunchError,
-    NoFreeDomainError,
-)
+SHOWN = (CommandError, InputError, OperatingPointError, BagError, KpiError, LaunchError, NoFreeDomainError)
 
 
 def _said(error: BaseException) -> str:

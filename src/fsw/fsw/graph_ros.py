@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from math import nan
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
@@ -14,12 +12,14 @@ from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.graph import CLEAR
 from fsw.operator_node import ask, graph_text, operator
+from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
-from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SetReference, SwitchController
-from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry, magnitude_unit
+from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchController
+from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry
 from fsw_plant.event_schema import fault as checked_fault
+from fsw_plant.requests_ros import SERVICES, event_request
 from fsw_schema.models import validate
 
 #: how long to go on listening after the first message
@@ -31,11 +31,7 @@ def reference(arguments: argparse.Namespace) -> int:
     depth, temperature = arguments.depth, arguments.temperature
     if depth is None and temperature is None:
         raise CommandError("reference: give --depth, --temperature or both")
-    request = SetReference.Request(
-        depth=nan if depth is None else units.m_from_mm(depth),
-        temperature=nan if temperature is None else temperature,
-        ramp=arguments.ramp,
-    )
+    request = convert.set_reference_request(depth, temperature, arguments.ramp)
     return ask(arguments, SetReference, "fsw/set_reference", request)
 
 
@@ -49,15 +45,7 @@ def disturb(arguments: argparse.Namespace) -> int:
         raise CommandError(f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance")
     entry = {"channel": arguments.channel, "shape": shape, key: arguments.amplitude}
     entry |= {"duration_s": arguments.duration, "period_s": arguments.period}
-    wanted = validate(DisturbanceEntry, entry, "disturb").event(0.0)
-    request = SetDisturbance.Request(
-        channel=arguments.channel,
-        shape=shape,
-        amplitude=units.to_si(wanted.amount, allowed.unit),
-        duration=wanted.duration_s,
-        period=wanted.period_s,
-    )
-    return ask(arguments, SetDisturbance, "fsw/plant/set_disturbance", request)
+    return ask(arguments, *SERVICES[True], event_request(validate(DisturbanceEntry, entry, "disturb").event(0.0)))
 
 
 def fault(arguments: argparse.Namespace) -> int:
@@ -67,23 +55,12 @@ def fault(arguments: argparse.Namespace) -> int:
         needs = "needs a" if kind in WITH_MAGNITUDE else "takes no"
         raise CommandError(f"fault: {arguments.kind} {needs} magnitude")
     wanted = checked_fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
-    request = SetFault.Request(
-        sensor=wanted.target,
-        kind=wanted.kind,
-        magnitude=units.to_si(wanted.amount, magnitude_unit(arguments.sensor, kind)),
-        duration=wanted.duration_s,
-    )
-    return ask(arguments, SetFault, "fsw/plant/set_fault", request)
+    return ask(arguments, *SERVICES[False], event_request(wanted))
 
 
 def switch(arguments: argparse.Namespace) -> int:
     """Another controller."""
-    seconds = int(arguments.wait)
-    request = SwitchController.Request(
-        name=arguments.controller,
-        strictness=SwitchController.Request.STRICT if arguments.strict else SwitchController.Request.BEST_EFFORT,
-        timeout=Duration(sec=seconds, nanosec=round((arguments.wait - seconds) * 1e9)),
-    )
+    request = convert.switch_request(arguments.controller, arguments.wait, arguments.strict)
     return ask(arguments, SwitchController, "fsw/switch_controller", request, extra_s=arguments.wait)
 
 
@@ -94,12 +71,7 @@ def mode(arguments: argparse.Namespace) -> int:
         raise CommandError("mode manual needs --force and --speed")
     if not manual and given != (None, None):
         raise CommandError("--force and --speed are for mode manual only")
-    request = SetMode.Request(
-        mode=arguments.mode,
-        axial_force=units.n_from_kn(arguments.force) if manual else nan,
-        spindle_speed=units.rad_s_from_rpm(arguments.speed) if manual else nan,
-    )
-    return ask(arguments, SetMode, "fsw/set_mode", request)
+    return ask(arguments, SetMode, "fsw/set_mode", convert.mode_request(arguments.mode, *given))
 
 
 def acknowledge(arguments: argparse.Namespace) -> int:

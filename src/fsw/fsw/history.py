@@ -83,7 +83,7 @@ def report(arguments: argparse.Namespace) -> int:
     target = arguments.out or arguments.folder / "report.html"
     check_new([target], arguments.force)
     table = history.load(arguments.folder)
-    said = history_report.write(table, target, f"History {arguments.folder.name}")
+    said = history_report.write(table, target, "History of welds")
     for weld, text in said[-20:]:
         print(f"{weld}: {text}")
     for one in history_report.tools(table):

@@ -31,8 +31,6 @@ _SERVERS = {
     "weld": "a weld with phases under way",
     "run_weld": "the scenario player running",
 }
-#: how long to wait for a line of another node's log, which comes on its own way
-_LOG_S = 2.0
 #: by how much the clocks of two computers may differ (chosen)
 _CLOCKS_S = 0.5
 
@@ -116,8 +114,8 @@ class LogLines:
         return [one.msg for one in new if one.name == self._logger and one.msg.startswith(self._begin)]
 
     def last(self) -> str:
-        """The newest line, for which some time is waited; empty if there is none."""
-        self._node.wait_until(self._lines, _LOG_S)
+        """The newest line, which may come after an answer; empty if none comes in time."""
+        self._node.wait_until(self._lines)
         return next(reversed(self._lines()), "")
 
 

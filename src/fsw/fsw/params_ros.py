@@ -13,7 +13,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, domain_text, operator
-from fsw_control.parameters import ParameterError, ParameterSpec, require_known
+from fsw_control.parameters import ParameterSpec, require_known
+from fsw_schema.models import InputError
 from fsw_schema.yaml_text import load_yaml
 
 #: type of a value on the wire: what it is called in the parameter files
@@ -82,7 +83,7 @@ def _parameter(name: str, kind: Parameter.Type, text: str) -> Parameter:
         if kind in _TYPES:
             value = ParameterSpec(name, _TYPES[kind], None, "").check(value)
         return Parameter(name, kind, value)
-    except ParameterError:
+    except InputError:
         raise
     except (yaml.YAMLError, ValueError, TypeError):
         raise CommandError(f"{name}: {text!r} is not of type {kind.name.lower()}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from fsw.command import FORCE, command, group, option
@@ -104,9 +105,13 @@ def show(arguments: argparse.Namespace) -> int:
     option("new", help=_NAME),
 )
 def diff(arguments: argparse.Namespace) -> int:
-    found = differences(load(arguments.old), load(arguments.new))
+    old, new = load(arguments.old), load(arguments.new)
+    found = differences(old, new)
     if not found:
         print("no difference")
         return 0
     print_table(found, ("where", arguments.old, arguments.new))
+    if (old.id, old.revision) == (new.id, new.revision):
+        said = f"note: both are {old.id} revision {old.revision}: give what was changed another revision"
+        print(said, file=sys.stderr)
     return 1

@@ -311,7 +311,7 @@ def identify(
 
     Raises
     ------
-    fsw_identification.errors.IdentificationError
+    fsw_schema.models.InputError
         When the welds do not suffice.
 
     Examples

@@ -106,7 +106,7 @@ def campaign(
 
     Raises
     ------
-    fsw_schema.models.InputError, fsw_campaign.errors.CampaignError
+    fsw_schema.models.InputError
         When the campaign is wrong, or the folder cannot be used.
 
     Examples
@@ -208,7 +208,7 @@ def export_c(
 
     Raises
     ------
-    fsw_export.errors.ExportError, fsw_schema.models.InputError
+    fsw_schema.models.InputError
         When something of this is wrong, or the folder cannot be written.
 
     Examples

@@ -6,16 +6,19 @@ import argparse
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
 import fsw
 from fsw.command import command, file, number, switch
+from fsw.console import print_table
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
+from fsw_scenario import margins
 from fsw_scenario.identification_design import plant_factors
+from fsw_scenario.standard_cases import DEFAULT, TIGHT
 from fsw_scenario.standard_runs import draw_sweep, sweep
 from fsw_scenario.tune_decentral import NAMES
 from fsw_schema.ranges import Range
@@ -30,6 +33,13 @@ _SWEEP: dict[str, dict[str, float]] = {
     **{f"dead time × {k:g}": {"dead_time_s": k} for k in (0.7, 1.3)},
 }
 EVALUATIONS = 3000
+#: titles of the margins
+_MARGINS = {
+    "depth_gain": "depth: gain",
+    "temperature_gain": "temperature: gain",
+    "depth_delay_s": "depth: delay",
+    "temperature_delay_s": "temperature: delay",
+}
 
 
 @command(
@@ -45,42 +55,75 @@ EVALUATIONS = 3000
         EVALUATIONS,
         int,
     ),
+    switch("--matched", "slow the NMPC's temperature until its margins are at least those of decentral:tight"),
     switch("--no-sweep", "without the figure of processes that differ from the model"),
-    description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
-    "rule, plot their performance on processes that differ from the model, and write parameter files for the "
-    "controllers' nodes.",
+    description="Search for the tunings of the decentralized controller for a model, derive that of the NMPC by "
+    "rule, measure the margins of all, plot their performance on processes that differ from the model, and write "
+    "parameter files for the controllers' nodes.",
 )
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
-    own = write_tunings(arguments.model, folder, arguments.evaluations)
-    model_file = folder / "model.yaml"
+    tunings = write_tunings(arguments.model, folder, arguments.evaluations, matched=arguments.matched)
+    rows = [[label, *_ordered(of, model)] for label, of in tunings.margins.items()]
+    print_table(rows, ["margins", *_MARGINS.values()], words=1)
     if not arguments.no_sweep:
-        own["nmpc:default"] = {"model_file": str(model_file)}
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
-            draw_sweep(sweep(own, plants, bar), folder / "sweep.png")
+            draw_sweep(sweep(tunings.parameters, plants, bar), folder / "sweep.png")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
 
-def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str = "") -> dict[str, Mapping[str, Any]]:
-    """Search, and write the parameter files of all controllers; returns the gains of the decentralized ones by label.
+class Tunings(NamedTuple):
+    """Parameters and margins of all controllers, by label."""
 
-    ``origin``: comment for the head of the files.
+    parameters: dict[str, Mapping[str, Any]]
+    margins: dict[str, dict[str, float]]
+
+
+def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str = "", matched: bool = False) -> Tunings:
+    """Search, measure the margins, and write the parameter files of all controllers.
+
+    ``origin``: comment for the head of the files. ``matched``: the NMPC gets the margins of ``decentral:tight``.
     """
-    own: dict[str, Mapping[str, Any]] = {}
+    model = ModelParameters.from_file(model_file)
+    found = Tunings({}, {})
     for name in NAMES:
         label = f"decentral:{name}"
         with ProgressBar(label) as bar:
-            own[label] = fsw.tune(label, model_file, evaluations=evaluations, progress=bar)
-        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[label], origin)
+            gains = fsw.tune(label, model_file, evaluations=evaluations, progress=bar)
+        found.parameters[label] = gains
+        found.margins[label] = margins.Loops(label, gains, model).margins()
+        words = _words(found.margins[label], model)
+        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", gains, origin + words)
     copy, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(model_file, copy)
-    rule = f"# By rule from the dead time of {model_file.name}.\n"
-    tuning_file.write_text(f"{origin}{rule}{yaml.safe_dump(fsw.tune('nmpc', model_file))}", "utf-8")
-    _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(copy), "tuning_file": str(tuning_file)}, origin)
-    return own
+    tuning = fsw.tune("nmpc", model_file)
+    rule = f"# By rule from the dead time of {model_file.name}"
+    if matched:
+        slower = margins.slower_for(found.margins[TIGHT], {"model_file": str(copy)}, model)
+        tuning["temperature_time_s"] *= slower
+        rule += f", times {slower:.3g} for the margins of {TIGHT}"
+    parameters = {"model_file": str(copy), "tuning_file": str(tuning_file)}
+    tuning_file.write_text(yaml.safe_dump(tuning), "utf-8")
+    found.parameters[DEFAULT] = parameters
+    found.margins[DEFAULT] = margins.Loops(DEFAULT, parameters, model).margins()
+    words = _words(found.margins[DEFAULT], model)
+    tuning_file.write_text(f"{origin}{rule}.\n{words}{yaml.safe_dump(tuning)}", "utf-8")
+    _write(folder / "nmpc.yaml", "fsw_nmpc", parameters, origin + words)
+    return found
+
+
+def _words(found: Mapping[str, float], model: ModelParameters) -> str:
+    """Margins as a comment of a file."""
+    words = ", ".join(f"{title} {text}" for title, text in zip(_MARGINS.values(), _ordered(found, model), strict=True))
+    return f"# Margins with this model, by simulation of small steps: {words}.\n"
+
+
+def _ordered(found: Mapping[str, float], model: ModelParameters) -> list[str]:
+    words = margins.texts(found, model)
+    return [words[key] for key in _MARGINS]
 
 
 def _write(path: Path, node: str, values: Mapping[str, Any], origin: str) -> None:

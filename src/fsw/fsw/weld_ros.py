@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Callable
 from math import degrees
@@ -59,9 +60,10 @@ def abort(node: Operator) -> bool:
 
 
 def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False) -> Any:
-    """Send a goal and print its feedback; returns the result, or None if ``over`` came true before.
+    """Send a goal and print its feedback; returns the result, or None if an aborted weld does not end in time.
 
     Once it is sent its answer is waited for as long as the player is there: a weld that begins late is followed, too.
+    When ``over`` comes true the weld is aborted, one that begins late as soon as it begins.
     """
     client = ActionClient(node.node, RunWeld, _ACTION)
     logs = LogLines(node, "fsw_scenario", "goal rejected: ")
@@ -71,16 +73,18 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     answer = client.send_goal_async(goal, feedback_callback=_print_feedback)
     if not node.wait_until(answer.done):
         print("waiting for the scenario player's answer", file=sys.stderr, flush=True)
-        node.wait_until(lambda: answer.done() or over() or not client.server_is_ready(), float("inf"))
+        node.wait_until(lambda: answer.done() or not client.server_is_ready(), float("inf"))
     if not answer.done():
-        if over():
-            return None
         raise CommandError("the scenario player has left before it answered")
     handle = answer.result()
     if not handle.accepted:
         raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
     result = handle.get_result_async()
     node.wait_until(lambda: result.done() or over(), float("inf"))
+    if not result.done():
+        with contextlib.suppress(CommandError):  # without an answer the result does not come either
+            abort(node)
+        node.wait_until(result.done)
     return result.result().result if result.done() else None
 
 

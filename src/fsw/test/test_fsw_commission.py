@@ -1,7 +1,7 @@
 """``fsw.py commission``: its course, and what its steps are judged by."""
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from fsw.commissioning import (
     check_experiment,
     check_rows,
     identify_rows,
+    margin_rows,
     outcome_of,
 )
 from fsw.errors import CommandError
@@ -121,6 +122,7 @@ def heard(**changes):
         controller="decentral",
         ready=["decentral", "nmpc"],
         interlocks=[],
+        held=["start-up"],
     )
     return Heard(**(values | changes))
 
@@ -141,6 +143,7 @@ def test_a_graph_at_rest_passes_the_check():
         ("noise, depth", {"depth_mm": np.full(100, 2.66)}),
         ("noise, temperature", {"temperature_c": 816.4 + 5.0 * np.random.default_rng(2).normal(size=100)}),
         ("noise, torque", {"torque_nm": np.full(100, nan)}),
+        ("commanded by a controller", {"held": ["the arbiter was stalled"] * 2}),
         ("set-points", {"reference": None}),
         ("set-points", {"reference": (2.7, 816.4)}),
         ("depth, off", {"depth_mm": heard().depth_mm + 0.05}),
@@ -181,12 +184,22 @@ def test_a_model_must_be_known_well():
     assert [row.what for row in identify_rows(parameters, known) if not row.good] == ["dead_time_s"]
 
 
+def test_the_nmpc_has_the_margins_of_the_tight_tuning():
+    least = {"depth_gain": inf, "temperature_gain": 2.70, "depth_delay_s": 1.1, "temperature_delay_s": 6.2}
+    found = {"depth_gain": inf, "temperature_gain": 2.65, "depth_delay_s": 1.8, "temperature_delay_s": 5.7}
+    rows = margin_rows(found, least, ModelParameters())
+    assert [row.good for row in rows] == [True, True, True, False]
+    assert (rows[3].what, rows[3].found) == ("nmpc: margin, temperature, delay", "5.7 s")
+    assert rows[0].limit == "at least > 8, that of decentral:tight"
+
+
 def test_acceptance_is_measured_against_what_the_model_predicts():
     predicted = {"iae_depth_mm_s": 1.0, "iae_temperature_c_s": 100.0}
-    sources = np.array(["nmpc"] * 100, dtype=object)
-    good = accept_rows({"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, sources, "nmpc")
+    commands = [("nmpc", "")] * 99 + [("hold", "stalled")]
+    good = accept_rows({"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, commands, "nmpc")
+    assert good[0].found == "99.0 %, stalled"
     assert len(good) == 3 and all(row.good for row in good)
-    bad = accept_rows({"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, sources, "decentral")
+    bad = accept_rows({"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, commands, "decentral")
     assert not any(row.good for row in bad)
 
 

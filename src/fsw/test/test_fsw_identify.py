@@ -1,11 +1,15 @@
 """``fsw.py identify`` and ``fsw.py tune``: results, one line for bad input, nothing overwritten."""
 
+from collections.abc import Mapping
+from math import inf
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from fsw.main import main
+from fsw.tune_command import write_tunings
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import ModelParameters
 from fsw_scenario import identification_design, scenario_file
@@ -133,16 +137,51 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert not (tmp_path / "out").exists()
 
 
+class Loops:
+    """Margins that are known at once; the NMPC's are large enough from three quarters of its aggressiveness on."""
+
+    def __init__(self, label: str, parameters: Mapping[str, Any], process: ModelParameters) -> None:
+        self.aggressiveness = parameters.get("temperature_aggressiveness", 1.0)
+
+    def margins(self) -> dict[str, float]:
+        return {"depth_gain": inf, "temperature_gain": 2.7, "depth_delay_s": 1.1, "temperature_delay_s": 6.5}
+
+    def has(self, gain: float, delay_s: float) -> bool:
+        assert (gain, delay_s) == (2.7, 6.5)
+        return bool(self.aggressiveness < 0.75)
+
+
 @pytest.mark.slow
-def test_tuned_files_are_taken_by_the_controllers(tmp_path: Path) -> None:
+def test_tuned_files_are_taken_by_the_controllers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("fsw.tune_command.margins.Loops", Loops)
     model, out = tmp_path / "model.yaml", tmp_path / "out"
     model.write_text("dead_time_s: 3.5\n")
-    assert main(["tune", "--model", str(model), "--out", str(out), "--evaluations", "3", "--no-sweep"]) == 0
+    tune = ["tune", "--model", str(model), "--evaluations", "3", "--no-sweep"]
+    assert main([*tune, "--out", str(out)]) == 0
+    assert capsys.readouterr().out.count("> 8") == 4
     for label in ("decentral_conservative", "decentral_tight", "nmpc"):
-        ((_, section),) = yaml.safe_load((out / f"{label}.yaml").read_text()).items()
+        text = (out / f"{label}.yaml").read_text()
+        assert "# Margins with this model" in text and "temperature: delay ≥ 6.5 s" in text
+        ((_, section),) = yaml.safe_load(text).items()
         make(label.partition("_")[0], section["ros__parameters"])
     arguments = ["simulate", "quick", "--controller", "decentral", "--no-figures", "--out", str(tmp_path / "welds")]
     assert main([*arguments, "--params-file", str(out / "decentral_tight.yaml")]) == 0
+
+
+@pytest.mark.slow
+def test_the_nmpc_is_slowed_until_its_margins_are_those_of_the_tight_tuning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fsw.tune_command.margins.Loops", Loops)
+    model = tmp_path / "model.yaml"
+    model.write_text("dead_time_s: 3.5\n")
+    (out := tmp_path / "out").mkdir()
+    write_tunings(model, out, 1, matched=True)
+    text = (out / "nmpc_tuning.yaml").read_text()
+    assert yaml.safe_load(text)["temperature_time_s"] == pytest.approx(0.3 * 3.5 * 1.12**3)
+    assert "times 1.4 for the margins of decentral:tight" in text
 
 
 def test_a_wrong_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from rclpy.executors import ExternalShutdownException
 
 from fsw.main import main
 from fsw_test_support.player_graph import PlayerGraph
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 SHORT = {"name": "short", "duration_s": 2.0, "events": [{"at_s": 1.0, "reference": {"depth_mm": 2.86}}]}
@@ -24,7 +25,7 @@ class Cell(PlayerGraph):
         self.commands = []
 
     def weld(self, *words):
-        command = [sys.executable, "-m", "fsw.main", "weld", *map(str, words), "--timeout", "60"]
+        command = [sys.executable, "-m", "fsw.main", "weld", *map(str, words), "--timeout", f"{PATIENCE_S:g}"]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
         self.commands.append(subprocess.Popen(command, **pipes))

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from fsw import weld_ros
+from fsw import commission_ros, weld_ros
 from fsw.errors import CommandError
 
 POLLS = 3
@@ -39,12 +39,20 @@ def player(monkeypatch):
         return SimpleNamespace(done=lambda: clock.polls >= wanted.answers, result=lambda: value)
 
     result = SimpleNamespace(result="the result")
-    handle = SimpleNamespace(accepted=True, get_result_async=lambda: future(result))
+    wanted.ends, wanted.aborted = True, 0  #: whether a weld ends by itself; how often one under way was aborted
+    end = SimpleNamespace(done=lambda: wanted.ends or (wanted.aborted and not wanted.hangs), result=lambda: result)
+    wanted.hangs = False
+    handle = SimpleNamespace(accepted=True, get_result_async=lambda: end)
     client = SimpleNamespace(
         server_is_ready=lambda: clock.polls < wanted.leaves,
         send_goal_async=lambda goal, feedback_callback: future(handle),
     )
     monkeypatch.setattr(weld_ros, "ActionClient", lambda *_: client)
+
+    def abort(_):
+        wanted.aborted += clock.polls >= wanted.answers
+
+    monkeypatch.setattr(weld_ros, "abort", abort)
     monkeypatch.setattr(weld_ros, "LogLines", lambda *_: SimpleNamespace(last=lambda: ""))
     return wanted
 
@@ -62,6 +70,27 @@ def test_a_player_that_leaves_before_it_answers_is_told(player):
         weld_ros.follow(player.clock, None)
 
 
-def test_who_guards_the_weld_may_end_the_wait(player):
-    player.answers = 10**6
+def test_a_weld_that_begins_after_the_guard_has_spoken_is_aborted(player):
+    player.answers, player.ends = 50, False
+    assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20) == "the result"
+    assert player.aborted == 1
+
+
+def test_an_aborted_weld_that_does_not_end_in_time_has_no_result(player):
+    player.ends, player.hangs = False, True
     assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20) is None
+    assert player.aborted == 1
+
+
+def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(monkeypatch):
+    answers = [False, True]
+    monkeypatch.setattr(commission_ros, "abort", lambda _: answers.pop(0))
+    assert commission_ros._aborted(None) == "the weld was aborted, and the safe stop is requested"
+    answers = [False, False]
+    assert commission_ros._aborted(None) == "no weld was under way"
+
+    def no_answer(_):
+        raise CommandError("no answer")
+
+    monkeypatch.setattr(commission_ros, "abort", no_answer)
+    assert "a weld may go on, or begin yet" in commission_ros._aborted(None)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 from zlib import crc32
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 STYLE = {
     "font.size": 10.0,
@@ -29,6 +34,16 @@ CONTROLLER_COLOURS = {
 }
 #: Of everything else.
 COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
+
+
+@contextmanager
+def sheet(width: float, height: float, path: Path | None = None, **options: Any) -> Iterator[Figure]:
+    """A figure of this size [inch], drawn in the block in this style; written there at its end, if anywhere, as PNG."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained", **options)
+        yield figure
+        if path is not None:
+            figure.savefig(path, format="png")
 
 
 def shade_phases(axes: Iterable[Axes], spans: Iterable[tuple[float, float]]) -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.changes import marks
-from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of, shade_phases
+from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of, shade_phases, sheet
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -134,8 +134,7 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
 def page(runs: Sequence[Run], number: int | None = None, title: str = "") -> Figure:
     """One figure of the paper (4 to 9), or an overview, of at least one run, to be shown; see :func:`draw`."""
     name, panels = ("Overview", _OVERVIEW) if number is None else _FIGURES[number]
-    with matplotlib.rc_context(STYLE):
-        return _drawn(runs, title or name, panels, 2 if number is None else 1)
+    return _draw_page(runs, title or name, panels, 2 if number is None else 1)
 
 
 def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
@@ -149,24 +148,21 @@ def draw_whole_weld(runs: Sequence[Run], phases: Sequence[Span], title: str, pat
 
 
 def _draw_page(
-    runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, path: Path, phases: Sequence[Span] = ()
-) -> None:
-    with matplotlib.rc_context(STYLE):
-        _drawn(runs, title, panels, columns, phases).savefig(path, format="png")
-
-
-def _drawn(
-    runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, phases: Sequence[Span] = ()
+    runs: Sequence[Run],
+    title: str,
+    panels: Sequence[_Panel],
+    columns: int,
+    path: Path | None = None,
+    phases: Sequence[Span] = (),
 ) -> Figure:
-    figure, axes = _page(title, panels, columns)
-    for axis, panel in zip(axes, panels, strict=True):
-        draw_runs = _draw_panel if panel.error is None else _draw_error
-        draw_runs(axis, panel, runs)
-    _mark_events(axes, runs)
-    if len(runs) == 1:
-        _mark_swaps(axes, runs[0].signals)
-    _mark_phases(axes, phases)
-    _add_legend(figure, axes)
+    with _page(title, panels, columns, path) as (figure, axes):
+        for axis, panel in zip(axes, panels, strict=True):
+            draw_runs = _draw_panel if panel.error is None else _draw_error
+            draw_runs(axis, panel, runs)
+        _mark_events(axes, runs)
+        if len(runs) == 1:
+            _mark_swaps(axes, runs[0].signals)
+        _mark_phases(axes, phases)
     return figure
 
 
@@ -175,28 +171,27 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
 
     ``columns`` are ``time_s`` and, by the names of a weld's signals, what the panels show, each (n,).
     """
-    with matplotlib.rc_context(STYLE):
-        figure, axes = _page(title, _OPEN_LOOP, 1)
+    with _page(title, _OPEN_LOOP, 1, path) as (_, axes):
         for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
             values = columns[panel.quantity]
             _line(axis, panel, columns["time_s"], values, color=_OPEN_LOOP_COLOURS[int(panel.is_input)])
             _scale(axis, replace(panel, limits=None), [values])
-        _add_legend(figure, axes)
-        figure.savefig(path, format="png")
 
 
-def _page(title: str, panels: Sequence[_Panel], columns: int) -> tuple[Figure, list[Axes]]:
+@contextmanager
+def _page(title: str, panels: Sequence[_Panel], columns: int, path: Path | None) -> Iterator[tuple[Figure, list[Axes]]]:
     rows = -(-len(panels) // columns)
     width = _WIDTH * (1.35 if columns > 1 else 1.0)
-    figure = Figure(figsize=(width, _TITLE + _LEGEND_ROW + _PANEL * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    for axis in grid[-1]:
-        axis.set_xlabel("time [s]")
-    for axis, panel in zip(grid.flat, panels, strict=True):
-        axis.set_title(panel.title, loc="left", fontsize=10.0)
-        axis.set_ylabel(panel.ylabel)
-    figure.suptitle(title, fontsize=12.0, fontweight="bold")
-    return figure, list(grid.flat)
+    with sheet(width, _TITLE + _LEGEND_ROW + _PANEL * rows, path) as figure:
+        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        for axis in grid[-1]:
+            axis.set_xlabel("time [s]")
+        for axis, panel in zip(grid.flat, panels, strict=True):
+            axis.set_title(panel.title, loc="left", fontsize=10.0)
+            axis.set_ylabel(panel.ylabel)
+        figure.suptitle(title, fontsize=12.0, fontweight="bold")
+        yield figure, list(grid.flat)
+        _add_legend(figure, list(grid.flat))
 
 
 def _add_legend(figure: Figure, axes: Sequence[Axes]) -> None:

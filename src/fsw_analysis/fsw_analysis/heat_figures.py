@@ -15,7 +15,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from fsw_analysis.figure_style import COLOURS, STYLE, colours_of, shade_phases
+from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
 from fsw_canister import CanisterState
 from fsw_canister.history import HeatHistory
@@ -49,8 +49,7 @@ class HeatPicture:
 def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> None:
     """Draw stir zone and power over the weld, and surface and section at moments; a PNG file."""
     rows = len(moments_s)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(12.0, 3.7 + 1.75 * rows), layout="constrained")
+    with sheet(12.0, 3.7 + 1.75 * rows, path) as figure:
         figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
         grid = figure.add_gridspec(2 + rows, 2, width_ratios=(2.7, 1.0), height_ratios=(2.0, 1.0, *[1.5] * rows))
         curves = [figure.add_subplot(grid[i, :]) for i in (0, 1)]
@@ -67,7 +66,6 @@ def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> N
             _draw_fields(axes, picture.history, state, f"{letter}: {_when(picture, at_s)}")
         _label_below(fields[-1])
         _add_scale(figure, [axis for pair in fields for axis in pair])
-        figure.savefig(path, format="png")
 
 
 def can_film(path: Path) -> bool:
@@ -80,8 +78,7 @@ def film_heat(picture: HeatPicture, path: Path, progress: Callable[[float], None
     history = picture.history
     times_s = np.linspace(0.0, history.kept_s[-1], FILM_FRAMES)
     writer = (PillowWriter if path.suffix.lower() == ".gif" else FFMpegWriter)(fps=FILM_FPS)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(12.0, 5.0), dpi=80, layout="constrained")
+    with sheet(12.0, 5.0, dpi=80) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(2.7, 1.0), height_ratios=(1.8, 1.0, 0.8))
         fields = (figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1]))
         curves = [figure.add_subplot(grid[i, :]) for i in (1, 2)]

@@ -174,7 +174,7 @@ def replay(
 
     Raises
     ------
-    ParameterError
+    InputError
         A changed parameter is unknown or does not fit.
     BagError
         The bag lacks a topic, or the controller refuses its recorded parameters.

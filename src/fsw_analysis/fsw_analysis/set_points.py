@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from fsw_analysis.messages import Kind, WeldMessages, stamp_of
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.contract import Reference
@@ -23,8 +25,6 @@ from fsw_control.units import NANOSECONDS, mm_from_m
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
 #: time after which a new recorder has received what was sent before it joined
 _JOINING_NS = 2 * NANOSECONDS
-#: definition of the place in the order; bags recorded before version 0.2 have it as decimal text in the header's frame
-_ISSUED = "builtin_interfaces/Time issued"
 UNKNOWN_ORDER = (
     f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
     "errors and figures of merit may refer to the wrong ones"
@@ -49,16 +49,12 @@ class SetPoint(NamedTuple):
 def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
     """Valid set-points that were sent (``SENT``) or reported (``HELD``, or by a controller), in order of receipt."""
     fields: dict[str, Kind] = {"depth": "number", "temperature": "number"}
-    is_older = topic in messages.topics and _ISSUED not in messages.topics[topic].definition
     if topic != SENT:
-        fields |= {"header.frame_id": "text"} if is_older else {"issued.sec": "number", "issued.nanosec": "number"}
+        fields |= {"issued.sec": "number", "issued.nanosec": "number"}
     table = messages.table(topic, fields)
-    if topic == SENT:
-        issued = table.publish_ns.tolist()
-    elif is_older:
-        issued = [int(text) if text.isdecimal() else 0 for text in table.column("header.frame_id")]
-    else:
-        parts = zip(table.column("issued.sec"), table.column("issued.nanosec"), strict=True)
+    issued = table.publish_ns.tolist()
+    if topic != SENT:
+        parts = zip(*(np.nan_to_num(table.column(f"issued.{part}")) for part in ("sec", "nanosec")), strict=True)
         issued = [int(sec) * NANOSECONDS + int(nanosec) for sec, nanosec in parts]
     depths_mm = map(mm_from_m, table.column("depth").tolist())
     temperatures = table.column("temperature").tolist()

@@ -17,11 +17,10 @@ import yaml
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign import definition
 from fsw_campaign.definition import Campaign
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
-from fsw_schema.files import replacing
-from fsw_schema.models import Model, content_of, read_text, validate
+from fsw_schema.files import replacing, write_whole
+from fsw_schema.models import InputError, Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
@@ -72,7 +71,7 @@ class Dataset:
 
     Raises
     ------
-    CampaignError
+    InputError
         If the folder cannot be used: it is another campaign's, in use, or without ``resume`` not empty.
     """
 
@@ -85,22 +84,22 @@ class Dataset:
             if manifest.exists():
                 self._check(resume)
             elif folder.exists() and any(folder.iterdir()):
-                raise CampaignError(f"folder {folder} exists and is not the folder of a campaign; choose another --out")
+                raise InputError(f"folder {folder} exists and is not the folder of a campaign; choose another --out")
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for left in (folder / _WELDS).glob(".*.tmp.parquet"):
                 left.unlink()
             if not manifest.exists():
-                _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
+                write_whole(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
                 content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
-                _write(manifest, content.model_dump_json(indent=1))
+                write_whole(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
-            raise CampaignError(
+            raise InputError(
                 f"folder {folder} is being written to by another run; wait until it has finished"
             ) from None
         except OSError as error:
-            raise CampaignError(f"cannot write to folder {folder}: {error.strerror}") from None
+            raise InputError(f"cannot write to folder {folder}: {error.strerror}") from None
         self.done: set[tuple[int, str]] = set()  #: number and controller of each weld in the folder
         if parts := _parts(folder):
             keys = _read(parts, ["index", "controller"])
@@ -111,14 +110,14 @@ class Dataset:
         """Refuse another campaign's folder, and the same campaign's without ``resume``."""
         manifest, campaign = _read_manifest(self.folder), self.campaign
         if manifest.digest != campaign.digest:
-            raise CampaignError(
+            raise InputError(
                 f"folder {self.folder} has another campaign ({manifest.campaign['name']}, {manifest.digest}; "
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
         if not resume and _parts(self.folder):
-            raise CampaignError(f"folder {self.folder} has welds of this campaign; continue with --resume")
+            raise InputError(f"folder {self.folder} has welds of this campaign; continue with --resume")
         if manifest.versions != versions():
-            raise CampaignError(
+            raise InputError(
                 f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
                 "choose another --out"
             )
@@ -138,7 +137,7 @@ class Dataset:
             with replacing(target) as scratch:
                 pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
         except OSError as error:
-            raise CampaignError(f"cannot write {target}: {error.strerror or error}") from None
+            raise InputError(f"cannot write {target}: {error.strerror or error}") from None
         self._next += 1
         self.done.update((row["index"], row["controller"]) for row in rows)
 
@@ -181,7 +180,7 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     campaign = definition.read(_read_manifest(folder).campaign, str(folder / _MANIFEST))
     parts = _parts(folder)
     if not parts:
-        raise CampaignError(f"{folder} has no welds yet")
+        raise InputError(f"{folder} has no welds yet")
     table = _read(parts)
     keys = zip(table["index"].to_pylist(), table["controller"].to_pylist(), strict=True)
     _, first = np.unique([f"{index:010d} {label}" for index, label in keys], return_index=True)
@@ -198,12 +197,7 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
         try:
             tables.append(pq.read_table(path, columns=columns))
         except (OSError, pa.ArrowException) as error:
-            raise CampaignError(
+            raise InputError(
                 f"{path} is damaged: {' '.join(str(error).split())}; delete it and run again with --resume"
             ) from None
     return pa.concat_tables(tables).unify_dictionaries().combine_chunks()
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")

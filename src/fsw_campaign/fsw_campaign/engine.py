@@ -16,9 +16,9 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.comm import get_address_host_port
 
 from fsw_campaign.dataset import Dataset
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import ERROR, Row, run_batch
+from fsw_schema.models import InputError
 
 #: time in which a scheduler and its first worker have to answer
 PATIENCE_S = 10.0
@@ -51,7 +51,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
     Raises
     ------
-    CampaignError
+    InputError
         If the scheduler does not answer or has no workers.
     """
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
@@ -78,12 +78,12 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             client = Client(scheduler, timeout=f"{PATIENCE_S}s", set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise CampaignError(f"no scheduler answers at {scheduler}: {reason}") from None
+            raise InputError(f"no scheduler answers at {scheduler}: {reason}") from None
         try:
             try:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
             except TimeoutError:
-                raise CampaignError(
+                raise InputError(
                     f"the scheduler at {scheduler} has no workers; start some: dask worker ADDRESS"
                 ) from None
             yield client
@@ -99,7 +99,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
 
     Raises
     ------
-    CampaignError
+    InputError
         If the scheduler is lost.
     """
     text, tasks = dataset.campaign.text, _Tasks(dataset)
@@ -133,7 +133,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
             if progress is not None:
                 progress(finished)
     except (OSError, RuntimeError, CancelledError) as error:  # what Dask raises when the scheduler is gone
-        raise CampaignError(f"{_LOST} ({' '.join(str(error).split())})") from None
+        raise InputError(f"{_LOST} ({' '.join(str(error).split())})") from None
     finally:
         dataset.write(rows)
     return finished
@@ -177,7 +177,7 @@ def _failed(error: BaseException, task: Task) -> list[Row]:
     if isinstance(error, CancelledError):
         raise error
     if not isinstance(error, KilledWorker):
-        raise CampaignError(f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}")
+        raise InputError(f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}")
     row = {
         "status": ERROR,
         "reason": "the worker that ran this batch ended, several times in succession",

@@ -18,10 +18,10 @@ from fsw_campaign import figures, quality
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
 from fsw_campaign.distributions import Distribution
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.quality import Requirement
 from fsw_campaign.statistics import MAIN, Results
 from fsw_campaign.welds import DIVERGED, ERROR, OK
+from fsw_schema.models import InputError
 
 _TEMPLATES = templates("fsw_campaign")
 
@@ -40,14 +40,14 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
 
     Raises
     ------
-    CampaignError
+    InputError
         If the folder is no campaign's or has too few welds, the limits cannot be read, or the report not be written.
     """
     if target.suffix not in (".html", ".md"):
-        raise CampaignError(f"{target}: the name of a report must end in .html or .md")
+        raise InputError(f"{target}: the name of a report must end in .html or .md")
     results = Results(*load(folder), folder)
     if not results.complete.size:
-        raise CampaignError(f"{folder} has no weld yet that all controllers have finished; continue with --resume")
+        raise InputError(f"{folder} has no weld yet that all controllers have finished; continue with --resume")
     requirements = quality.read(limits, results.columns)
     drawn = {
         "outside": figures.times_outside(results),
@@ -71,7 +71,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
                 target.with_name(name).write_bytes(image)
         target.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise CampaignError(f"cannot write {target}: {error.strerror}") from None
+        raise InputError(f"cannot write {target}: {error.strerror}") from None
     return target
 
 

@@ -16,11 +16,10 @@ from fsw_campaign import dataset, definition, report, software  # noqa: E402
 from fsw_campaign.dataset import Dataset  # noqa: E402
 from fsw_campaign.definition import Bounds  # noqa: E402
 from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
-from fsw_campaign.errors import CampaignError  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
-from fsw_schema.models import validate  # noqa: E402
+from fsw_schema.models import InputError, validate  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
 
@@ -30,7 +29,7 @@ def one(path, **entry):
 
 def test_a_folder_that_cannot_be_written(small, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(CampaignError, match=r"cannot write to folder .*Not a directory"):
+    with pytest.raises(InputError, match=r"cannot write to folder .*Not a directory"):
         Dataset(tmp_path / "file" / "out", small[0])
 
 
@@ -119,11 +118,11 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
     with Dataset(folder, made) as written:
         written.write(rows[:3])
         assert written.missing() == [(1, ["mine"]), (2, ["decentral:tight", "mine"]), (3, ["decentral:tight", "mine"])]
-        with pytest.raises(CampaignError, match="another run"):
+        with pytest.raises(InputError, match="another run"):
             Dataset(folder, made, resume=True)
-    with pytest.raises(CampaignError, match="--resume"):
+    with pytest.raises(InputError, match="--resume"):
         Dataset(folder, made)
-    with pytest.raises(CampaignError, match="another campaign"):
+    with pytest.raises(InputError, match="another campaign"):
         Dataset(folder, campaign(tmp_path, seed=4), resume=True)
     (folder / "welds" / ".00000001.0a1b2c3d.tmp.parquet").write_text("cut off")
     with Dataset(folder, made, resume=True) as written:
@@ -136,17 +135,17 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
     (folder / "welds" / "00000001.parquet").write_bytes(joined.read_bytes())  # as if cut off while files are joined
     assert dataset.load(folder)[1].equals(table)
     (folder / "welds" / "00000001.parquet").write_text("broken")
-    with pytest.raises(CampaignError, match="damaged"):
+    with pytest.raises(InputError, match="damaged"):
         dataset.load(folder)
     manifest = json.loads((folder / "campaign.json").read_text())
     (folder / "campaign.json").write_text(json.dumps(manifest | {"versions": "other"}))
-    with pytest.raises(CampaignError, match="other software"):
+    with pytest.raises(InputError, match="other software"):
         Dataset(folder, made, resume=True)
 
 
 def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
     (tmp_path / "precious").write_text("x")
-    with pytest.raises(CampaignError, match="not the folder of a campaign"):
+    with pytest.raises(InputError, match="not the folder of a campaign"):
         Dataset(tmp_path, small[0])
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
 

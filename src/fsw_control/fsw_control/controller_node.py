@@ -20,7 +20,7 @@ from fsw_control.host import answer
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import ParameterError, Source, load, load_source, problem
+from fsw_control.parameters import Source, load, load_source, problem
 from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
@@ -29,6 +29,7 @@ from fsw_control.topics_ros import LATEST, STREAM, display_publisher, subscribe_
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
+from fsw_schema.errors import InputError
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
@@ -51,7 +52,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         Makes the controller from its parameters.
     parameters : (str, str) or path, optional
         Package and file, or path, of the YAML that describes the controller's own parameters. At runtime they
-        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods.
+        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods. So does
+        the node's logger its ``use_logger(logger)``.
     """
 
     def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
@@ -59,6 +61,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._settings = declare(self, "fsw_control", "controller.yaml")
         self._own = ParameterValues(self, load_source(parameters))
         self._controller = make(self._own.values)
+        if hasattr(self._controller, "use_logger"):
+            self._controller.use_logger(self.get_logger())
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._controller.reset(initial)
@@ -247,7 +251,7 @@ def run_controller(
     about = f"Runs the controller {controller_name} as a node."
     try:
         specs = load_source(source) | load("fsw_control", "controller.yaml")
-    except ParameterError as error:
+    except InputError as error:
         print(f"{controller_name}: {error}", file=sys.stderr)
         return 2
     arguments = NodeArguments(f"fsw_{controller_name}", about, specs)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
+from math import nan
 
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
@@ -23,6 +24,7 @@ from fsw_msgs.msg import (
     WeldReference,
     WeldReferencePlan,
 )
+from fsw_msgs.srv import SetMode, SetReference, SwitchController
 
 #: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out as it is
 _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
@@ -205,4 +207,32 @@ def prediction_message(
         spindle_speed=[units.rad_s_from_rpm(value) for value in plan.speed_rpm],
         depth_deviation=[units.m_from_mm(value) for value in depth_mm],
         temperature_deviation=list(map(float, temperature_c)),
+    )
+
+
+def set_reference_request(depth_mm: float | None, temperature_c: float | None, ramp: bool) -> SetReference.Request:
+    """Request for new set-points; one that is None keeps its value."""
+    return SetReference.Request(
+        depth=nan if depth_mm is None else units.m_from_mm(depth_mm),
+        temperature=nan if temperature_c is None else temperature_c,
+        ramp=ramp,
+    )
+
+
+def switch_request(controller: str, wait_s: float, strict: bool = False) -> SwitchController.Request:
+    """Request for another controller, which may take ``wait_s`` to be ready."""
+    seconds = int(wait_s)
+    return SwitchController.Request(
+        name=controller,
+        strictness=SwitchController.Request.STRICT if strict else SwitchController.Request.BEST_EFFORT,
+        timeout=Duration(sec=seconds, nanosec=round((wait_s - seconds) * 1e9)),
+    )
+
+
+def mode_request(mode: str, force_kn: float | None = None, speed_rpm: float | None = None) -> SetMode.Request:
+    """Request for a mode; force and speed are for ``manual``."""
+    return SetMode.Request(
+        mode=mode,
+        axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
+        spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
     )

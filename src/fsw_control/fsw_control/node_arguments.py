@@ -42,7 +42,7 @@ class NodeArguments:
 
         Raises
         ------
-        ParameterError
+        InputError
             With the names, and similar ones that the node has.
         """
         name = self.node

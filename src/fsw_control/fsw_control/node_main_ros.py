@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.utilities import get_default_context, remove_ros_args
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help
+from fsw_control.parameters import ParameterSpec, Source, load_source
 
 #: A Ctrl-C later than this after the first one counts as a second.
 _PATIENCE_S = 1.0
@@ -132,3 +133,21 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
             context.destroy()
     return 0
+
+
+def main_of(
+    node: Callable[..., Node],
+    name: str,
+    about: str | None,
+    parameters: Source | Callable[[], Mapping[str, ParameterSpec]],
+) -> Callable[..., int]:
+    """The ``main`` of a node's module: arguments as ``sys.argv`` or None for these; returns the exit code of `run`.
+
+    ``parameters`` are described in that source, or returned by that function.
+    """
+
+    def main(args: Sequence[str] | None = None) -> int:
+        specs = parameters() if callable(parameters) else load_source(parameters)
+        return run(node, args, NodeArguments(name, about or "", specs))
+
+    return main

@@ -28,6 +28,7 @@ from typing import Any
 import yaml
 
 from fsw_control import weld
+from fsw_schema.errors import InputError
 from fsw_schema.yaml_text import load_yaml
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
@@ -35,10 +36,6 @@ TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 Source = tuple[str, str] | str | Path | None
 _KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
-
-
-class ParameterError(ValueError):
-    """A parameter file or a parameter value is wrong; the message says where, what and what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,20 +60,20 @@ class ParameterSpec:
 
         Raises
         ------
-        ParameterError
+        InputError
             When the type, the range or the options do not fit, or a number is not finite.
         """
         kind = self.type.removesuffix("_array")
         if kind == self.type:
             return self._check_entry(value, kind)
         if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-            raise ParameterError(f"{self.name}: {value!r} is not a list ({self.type})")
+            raise InputError(f"{self.name}: {value!r} is not a list ({self.type})")
         return [self._check_entry(entry, kind) for entry in value]
 
     def _check_entry(self, value: Any, kind: str) -> Any:
         def require(met: bool, text: str) -> None:
             if not met:
-                raise ParameterError(f"{self.name}: {value!r} is {text}")
+                raise InputError(f"{self.name}: {value!r} is {text}")
 
         if kind == "bool":
             require(isinstance(value, bool), "not true or false")
@@ -97,7 +94,7 @@ class ParameterSpec:
 def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
     def require(met: object, text: str) -> None:
         if not met:
-            raise ParameterError(f"{where}: {text}")
+            raise InputError(f"{where}: {text}")
 
     named = isinstance(name, str) and _NAME.fullmatch(name)
     require(named, f"{name!r} is not a parameter name (letters, digits, '_', groups separated by '.')")
@@ -127,8 +124,8 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
     spec = ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only)
     try:
         return replace(spec, default=spec.check(default))
-    except ParameterError as error:
-        raise ParameterError(f"{where}: default_value of {error}") from None
+    except InputError as error:
+        raise InputError(f"{where}: default_value of {error}") from None
 
 
 def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
@@ -136,17 +133,17 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
 
     Raises
     ------
-    ParameterError
+    InputError
         When the YAML is broken or describes a parameter wrongly.
     """
     try:
         content = load_yaml(text)
     except yaml.YAMLError as error:
-        raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise ParameterError(f"{where}: must map parameter names to descriptions")
+        raise InputError(f"{where}: must map parameter names to descriptions")
     return {str(name): _spec(name, entry, where) for name, entry in content.items()}
 
 
@@ -156,13 +153,13 @@ def load(package: str, file: str) -> dict[str, ParameterSpec]:
 
     Raises
     ------
-    ParameterError
+    InputError
         When there is no such package or file, or its content is wrong.
     """
     try:
         folder = resources.files(package)
     except ModuleNotFoundError as error:
-        raise ParameterError(f"cannot read {file} of package {package}: {error}") from None
+        raise InputError(f"cannot read {file} of package {package}: {error}") from None
     return load_path(str(folder.joinpath(file)))
 
 
@@ -171,7 +168,7 @@ def load_path(path: str | Path) -> dict[str, ParameterSpec]:
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
-        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
     return parse(text, str(path))
 
 
@@ -188,11 +185,11 @@ def defaults(specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
 
 
 def require_known(specs: Collection[str], names: Iterable[str]) -> None:
-    """Raise a ParameterError that suggests similar names where some are unknown."""
+    """Raise an InputError that suggests similar names where some are unknown."""
     unknown = sorted(set(names) - set(specs))
     if unknown:
         near = dict.fromkeys(match for name in unknown for match in get_close_matches(name, specs))
-        raise ParameterError(f"unknown parameters {', '.join(unknown)}; {_suggestion(near, specs)}")
+        raise InputError(f"unknown parameters {', '.join(unknown)}; {_suggestion(near, specs)}")
 
 
 def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -200,7 +197,7 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
 
     Raises
     ------
-    ParameterError
+    InputError
         When a name is unknown or a value does not fit.
     """
     require_known(specs, values)

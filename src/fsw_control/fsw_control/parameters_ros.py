@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from fsw_control.parameters import ParameterError, ParameterSpec, load
+from fsw_control.parameters import ParameterSpec, load
+from fsw_schema.errors import InputError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -53,7 +54,7 @@ class ParameterValues:
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             wanted = self.values | self._own(parameters)
-        except ParameterError as error:
+        except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
             reason = check(wanted)
@@ -75,11 +76,15 @@ def _ros_type(spec: ParameterSpec) -> Parameter.Type:
 
 def _declare(node: Node, spec: ParameterSpec) -> Any:
     if spec.default == []:
-        # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after.
-        kind = _ros_type(spec)
-        value = node.declare_parameter(spec.name, kind, _descriptor(spec)).value
+        # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after. One left
+        # without a value would empty the answer to a request of all parameters (ros2 param dump).
+        kind, descriptor = _ros_type(spec), _descriptor(spec)
+        descriptor.read_only = False
+        value = node.declare_parameter(spec.name, kind, descriptor).value
         if value is None:
             node.set_parameters([Parameter(spec.name, kind, [])])
+        if spec.read_only:
+            node.set_descriptor(spec.name, _descriptor(spec))
         return value or []
     return node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
 

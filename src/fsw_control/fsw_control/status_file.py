@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from fsw_schema.files import replacing
+from fsw_schema.files import write_whole
 
 #: environment variable with the file's path, set by the process that starts another
 VARIABLE = "FSW_STATUS_FILE"
@@ -19,8 +19,8 @@ def write_status(**values: Any) -> None:
     path = os.environ.get(VARIABLE)
     if path is None:
         return
-    with contextlib.suppress(OSError), replacing(Path(path)) as part:  # a full disk ends no weld
-        part.write_text(json.dumps(values), encoding="utf-8")
+    with contextlib.suppress(OSError):  # a full disk ends no weld
+        write_whole(Path(path), json.dumps(values))
 
 
 def read_status(path: Path) -> dict[str, Any]:

@@ -65,6 +65,9 @@ class Echo:
     def reset(self, applied):
         self.resets += 1
 
+    def use_logger(self, logger):
+        self.logger = logger
+
     def check(self, values):
         return "gain 7 is never good" if values["gain"] == 7.0 else None
 
@@ -378,5 +381,18 @@ def test_bad_parameter_at_start_is_refused(tmp_path):
     try:
         with pytest.raises(Exception, match="gain"):
             ControllerNode("echo", Echo, path)
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_the_controller_logs_in_the_name_of_its_node(tmp_path):
+    path = tmp_path / "echo.yaml"
+    path.write_text(PARAMETERS)
+    made = []
+    rclpy.init(args=["test", "--ros-args", "-r", "__ns:=/cell1"])
+    try:
+        node = ControllerNode("echo", lambda values: made.append(Echo(values)) or made[-1], path)
+        assert made[0].logger.name == "cell1.fsw_echo"
+        node.destroy_node()
     finally:
         rclpy.try_shutdown()

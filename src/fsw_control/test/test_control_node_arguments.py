@@ -4,7 +4,7 @@ import pytest
 
 from fsw_control import parameters
 from fsw_control.node_arguments import NodeArguments, asks_for_help
-from fsw_control.parameters import ParameterError
+from fsw_schema.models import InputError
 
 TEXT = """
 deadline: {type: double, default_value: 0.03, description: Wait so long, unit: s, range: [0.001, 1.0]}
@@ -39,7 +39,7 @@ def test_what_is_taken(words):
     ],
 )
 def test_wrong_names_are_refused(words):
-    with pytest.raises(ParameterError, match="unknown parameters dedaline; did you mean deadline"):
+    with pytest.raises(InputError, match="unknown parameters dedaline; did you mean deadline"):
         ARGUMENTS.check(["program", "--ros-args", *words])
 
 
@@ -61,7 +61,7 @@ def test_files(tmp_path, content, wrong):
     if not wrong:
         ARGUMENTS.check(words)
         return
-    with pytest.raises(ParameterError, match=f"unknown parameters {wrong}"):
+    with pytest.raises(InputError, match=f"unknown parameters {wrong}"):
         ARGUMENTS.check(words)
 
 

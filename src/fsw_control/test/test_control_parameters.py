@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control import parameters
-from fsw_control.parameters import ParameterError, ParameterSpec
+from fsw_control.parameters import ParameterSpec
+from fsw_schema.models import InputError
 
 TEXT = """
 deadline:
@@ -81,18 +82,18 @@ def test_reads_every_type():
     ],
 )
 def test_refuses_with_the_place_and_the_cause(text, said):
-    with pytest.raises(ParameterError, match=said) as caught:
+    with pytest.raises(InputError, match=said) as caught:
         parameters.parse(text, "somewhere.yaml")
     assert "somewhere.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_package_and_file_are_told():
-    with pytest.raises(ParameterError, match="no_such_package"):
+    with pytest.raises(InputError, match="no_such_package"):
         parameters.load("no_such_package", "x.yaml")
-    with pytest.raises(ParameterError, match=r"x\.yaml"):
+    with pytest.raises(InputError, match=r"x\.yaml"):
         parameters.load("fsw_control", "x.yaml")
-    with pytest.raises(ParameterError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot read"):
         parameters.load_path("/nonexistent/x.yaml")
 
 
@@ -104,7 +105,7 @@ def test_empty_file_describes_nothing(tmp_path):
 def test_validate_completes_and_refuses_unknown_names():
     specs = parameters.parse(TEXT)
     assert parameters.validate(specs, {"deadline": 2})["deadline"] == 2.0
-    with pytest.raises(ParameterError, match="unknown parameters dead_line; did you mean deadline"):
+    with pytest.raises(InputError, match="unknown parameters dead_line; did you mean deadline"):
         parameters.validate(specs, {"dead_line": 2})
 
 
@@ -113,7 +114,7 @@ def test_a_checked_number_is_finite_and_in_range(value):
     spec = ParameterSpec("x", "double", 1.0, "", range=(0.0, 2.0))
     try:
         checked = spec.check(value)
-    except ParameterError:
+    except InputError:
         assert not (isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 2.0)
     else:
         assert isinstance(checked, float) and math.isfinite(checked) and 0.0 <= checked <= 2.0 and checked == value
@@ -126,7 +127,7 @@ def test_a_problem_is_told_in_words():
 
 
 def test_infinite_int_is_refused():
-    with pytest.raises(ParameterError):
+    with pytest.raises(InputError):
         ParameterSpec("x", "int", 1, "").check(math.inf)
 
 

@@ -35,6 +35,11 @@ names:
   type: string_array
   default_value: []
   description: "Who"
+owners:
+  type: string_array
+  default_value: []
+  description: "Whose"
+  read_only: true
 weights:
   type: double_array
   default_value: [1.0, 2.0]
@@ -66,6 +71,7 @@ def test_defaults_and_descriptors(start):
         "kind": "a",
         "fixed": True,
         "names": [],
+        "owners": [],
         "weights": [1.0, 2.0],
     }
     descriptor = node.describe_parameter("wait")
@@ -74,12 +80,14 @@ def test_defaults_and_descriptors(start):
     assert node.describe_parameter("kind").description == "Which (one of a, b)"
     assert node.describe_parameter("count").integer_range[0].to_value == 9
     assert node.describe_parameter("fixed").read_only
-    assert list(node.get_parameter("names").value) == []
+    everything = node.get_parameters(list(values.values))  # raises if one has no value
+    assert [list(one.value) for one in everything if one.name in ("names", "owners")] == [[], []]
 
 
 def test_values_from_the_command_line(start):
-    _, values = start("--ros-args", "-p", "wait:=1.5", "-p", "names:=[me, you]", "-p", "kind:=b")
+    _, values = start("--ros-args", "-p", "wait:=1.5", "-p", "names:=[me, you]", "-p", "kind:=b", "-p", "owners:=[us]")
     assert (values["wait"], values["names"], values["kind"]) == (1.5, ["me", "you"], "b")
+    assert values["owners"] == ["us"]
 
 
 @pytest.mark.parametrize(
@@ -108,7 +116,7 @@ def test_changes_are_checked_as_a_whole_and_told_once(start):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("wait", math.nan), ("kind", "c"), ("weights", [math.inf]), ("wait", 0.1), ("fixed", False)],
+    [("wait", math.nan), ("kind", "c"), ("weights", [math.inf]), ("wait", 0.1), ("fixed", False), ("owners", ["me"])],
 )
 def test_bad_changes_leave_the_value(start, name, value):
     node, values = start()

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from fsw_control.c_library import compiler, run_compiler
 from fsw_export.choice import Choice
-from fsw_export.errors import ExportError
 from fsw_export.sources import ControllerSources
 from fsw_export.targets import published
 from fsw_export.templates import render
 from fsw_export.vectors import VectorRecorder, csv_text, recorded
+from fsw_schema.models import InputError
 
 #: as in the exported CMakeLists.txt
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
@@ -26,13 +26,13 @@ _ALL_MOVES = 54
 
 
 def check_folder(out: Path, replace: bool = False) -> None:
-    """Refuse a folder that :func:`write_folder` could not write; the ExportError says why."""
+    """Refuse a folder that :func:`write_folder` could not write; the InputError says why."""
     if not out.absolute().parent.is_dir():
-        raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
+        raise InputError(f"cannot write {out}: there is no folder {out.parent}")
     if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
         again = "; --force deletes it" if (out / _MARK).exists() else ""
         kind = "an earlier export" if again else "something else"
-        raise ExportError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
+        raise InputError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
 
 
 def write_folder(
@@ -46,7 +46,7 @@ def write_folder(
 
     Raises
     ------
-    ExportError
+    InputError
         If the folder holds something else or cannot be written, the controller cannot control its model, or the example
         fails.
     """
@@ -63,7 +63,7 @@ def write_folder(
                 shutil.rmtree(out)
             os.rename(made, out)
     except OSError as error:
-        raise ExportError(f"cannot write {error.filename or out}: {error.strerror}") from None
+        raise InputError(f"cannot write {error.filename or out}: {error.strerror}") from None
     return check
 
 
@@ -121,7 +121,7 @@ def _run_example(folder: Path) -> str:
         ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, timeout=300, check=True)
     except (RuntimeError, subprocess.SubprocessError) as error:
         words = getattr(error, "stderr", None) or str(error)
-        raise ExportError(f"the exported example failed: {words.strip()}") from None
+        raise InputError(f"the exported example failed: {words.strip()}") from None
     finally:
         program.unlink(missing_ok=True)
     return ran.stdout.strip()

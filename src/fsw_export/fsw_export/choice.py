@@ -8,9 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fsw_export.errors import ExportError
 from fsw_model import ModelParameters, ProcessModel, nominal
-from fsw_schema.models import content_of, read_text
+from fsw_schema.models import InputError, content_of, read_text
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,13 @@ class Choice:
 
         Raises
         ------
-        ExportError, InputError
+        InputError
             If the unit takes no tuning, or the file of the tuning cannot be used.
         """
         if self.unit == "decentral":
             return self._of_spindle() | self._gains() | dict(self.values)
         if self.unit == "plant" and self.tuning_file is not None:
-            raise ExportError("the plant has no tuning; leave out --tuning")
+            raise InputError("the plant has no tuning; leave out --tuning")
         files = {"model_file": self.model_file, "tuning_file": self.tuning_file}
         return dict(self.values) | {name: str(path) for name, path in files.items() if path is not None}
 
@@ -68,5 +67,5 @@ class Choice:
             return {}
         content = content_of(read_text(self.tuning_file, "tuning"), str(self.tuning_file))
         if not isinstance(content, dict):
-            raise ExportError(f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0")
+            raise InputError(f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0")
         return content

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from fsw_control.c_library import PORTABLE, needed_compiler, run_compiler
 from fsw_export.choice import Choice
-from fsw_export.errors import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
 from fsw_schema.files import replacing
+from fsw_schema.models import InputError
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
@@ -32,22 +32,22 @@ def make(choice: Choice) -> Content:
 
     Raises
     ------
-    ExportError, ValueError
+    InputError
         If the unit is not known, or a value or a file cannot be used.
     """
     if choice.unit not in UNITS:
-        raise ExportError(f"cannot export {choice.unit!r}; known: {', '.join(UNITS)}")
+        raise InputError(f"cannot export {choice.unit!r}; known: {', '.join(UNITS)}")
     return UNITS[choice.unit](choice)
 
 
 def check_file(out: Path, replace: bool = False) -> None:
-    """Refuse a file that :func:`write` could not write; the ExportError says why."""
+    """Refuse a file that :func:`write` could not write; the InputError says why."""
     if out.suffix != ".fmu":
-        raise ExportError(f"{out}: the name must end in .fmu")
+        raise InputError(f"{out}: the name must end in .fmu")
     if not out.absolute().parent.is_dir():
-        raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
+        raise InputError(f"cannot write {out}: there is no folder {out.parent}")
     if out.exists() and not (replace and out.is_file()):
-        raise ExportError(f"{out} exists already; use --force to replace it")
+        raise InputError(f"{out} exists already; use --force to replace it")
 
 
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
@@ -58,7 +58,7 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
 
     Raises
     ------
-    ExportError, RuntimeError
+    InputError, RuntimeError
         If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
     """
     check_file(out, replace)
@@ -84,7 +84,7 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
                 entry.external_attr = 0o644 << 16
                 archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
     except OSError as error:
-        raise ExportError(f"cannot write {out}: {error.strerror}") from None
+        raise InputError(f"cannot write {out}: {error.strerror}") from None
 
 
 def _sources(content: Content) -> tuple[dict[str, str], str]:
@@ -102,7 +102,7 @@ def _fmpy() -> Path:
     """Folder of fmpy, which brings the headers of the standard."""
     found = find_spec("fmpy")
     if found is None or found.origin is None:
-        raise ExportError("needs the package fmpy, which brings the headers of FMI: pip install fmpy")
+        raise InputError("needs the package fmpy, which brings the headers of FMI: pip install fmpy")
     return Path(found.origin).parent
 
 
@@ -116,6 +116,6 @@ def _native() -> tuple[list[str], str, str]:
 def _cross(platform: str) -> tuple[list[str], str, str]:
     """The same for a platform of ``CROSS``."""
     if find_spec("ziglang") is None:
-        raise ExportError(f"{platform}: needs zig's compiler: pip install ziglang")
+        raise InputError(f"{platform}: needs zig's compiler: pip install ziglang")
     target, suffix = CROSS[platform]
     return [sys.executable, "-m", "ziglang", "cc", "-target", target], suffix, platform

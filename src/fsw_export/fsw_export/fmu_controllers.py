@@ -50,7 +50,7 @@ def nmpc(choice: Choice) -> Content:
 
     Raises
     ------
-    ExportError, ValueError
+    InputError
         If a parameter is unknown or out of range, or a file cannot be used.
     """
     specs = load("fsw_nmpc", "nmpc.yaml")
@@ -64,7 +64,7 @@ def decentral(choice: Choice) -> Content:
 
     Raises
     ------
-    ExportError, ValueError
+    InputError
         If a parameter is unknown or out of range.
     """
     specs = load("fsw_decentral", "decentral.yaml")

@@ -46,7 +46,7 @@ def plant(choice: Choice) -> Content:
 
     Raises
     ------
-    ExportError, ValueError
+    InputError
         If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
         within the drives' limits.
     """

@@ -9,9 +9,7 @@ from math import inf, nan
 from typing import Any
 
 from fsw_control.c_library import CController
-from fsw_control.parameters import ParameterError
 from fsw_export.choice import Choice
-from fsw_export.errors import ExportError
 from fsw_export.signals import Signal
 from fsw_export.sources import ControllerSources, sources_of
 from fsw_export.templates import render
@@ -19,6 +17,7 @@ from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
+from fsw_schema.models import InputError
 
 #: share of the inputs that are wrong in the vectors with faults, and their values then
 _SHARE = 0.03
@@ -67,7 +66,7 @@ def recorded(
 
     Raises
     ------
-    ExportError
+    InputError
         If the controller cannot be exported, or cannot control its model.
     """
     controller: Any = make(choice.unit, choice.parameters)
@@ -82,10 +81,10 @@ def recorded(
     with VectorRecorder(controller.library, sources.inputs, sources.outputs) as weld:
         try:
             ClosedLoop(parse(text, "the weld of the test vectors"), {controller.name: controller}).run(progress)
-        except (OperatingPointError, ParameterError) as error:
-            raise ExportError(f"cannot weld with this model: {error}") from None
+        except (OperatingPointError, InputError) as error:
+            raise InputError(f"cannot weld with this model: {error}") from None
     if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
-        raise ExportError(
+        raise InputError(
             f"in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} proposals were healthy: "
             "this controller cannot control this model; check model and tuning"
         )

@@ -5,17 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import nan
 from typing import Any
 
 from action_msgs.srv import CancelGoal
-from builtin_interfaces.msg import Duration
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from fsw_control import units
+from fsw_control import messages_ros as convert
 from fsw_control.contract import SAFE_STOP
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.requests import (
@@ -30,8 +28,7 @@ from fsw_hmi.requests import (
     Switch,
 )
 from fsw_msgs import srv
-from fsw_msgs.srv import SetDisturbance, SetFault, SetMode, SwitchController
-from fsw_plant.event_schema import amplitude_unit, magnitude_unit
+from fsw_plant.requests_ros import SERVICES, event_request
 
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
 #: is being started again must get it
@@ -61,14 +58,14 @@ class Orders:
     def __init__(self, node: Node) -> None:
         self._calls: list[_Call] = []
         self._set_reference = node.create_client(srv.SetReference, "fsw/set_reference")
-        self._switch = node.create_client(SwitchController, "fsw/switch_controller")
-        self._set_mode = node.create_client(SetMode, "fsw/set_mode")
+        self._switch = node.create_client(srv.SwitchController, "fsw/switch_controller")
+        self._set_mode = node.create_client(srv.SetMode, "fsw/set_mode")
         self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
         self._weld = {verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume")}
         # by this service of every action, because the goal is another node's
         self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
-        self._disturb = node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
-        self._fail = node.create_client(SetFault, "fsw/plant/set_fault")
+        self._disturb = node.create_client(*SERVICES[True])
+        self._fail = node.create_client(*SERVICES[False])
 
     @property
     def emulator(self) -> bool:
@@ -81,7 +78,7 @@ class Orders:
         """Begin an action of the graph's services; ``answer`` gets outcome and words; of a safe stop
         that is answered late twice."""
         client, offered_by, request = self._request(action)
-        repeat = isinstance(request, SetMode.Request) and request.mode == SAFE_STOP
+        repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
         due_s = time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)
         self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
         self.look()
@@ -90,26 +87,24 @@ class Orders:
         """Whom an action asks: the service, what offers it, and the request."""
         match action:
             case SafeStop():
-                return self._set_mode, "supervisor", _mode(SAFE_STOP)
+                return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP)
             case ChangeMode():
-                return self._set_mode, "supervisor", _mode(action.mode, action.force_kn, action.speed_rpm)
+                request = convert.mode_request(action.mode, action.force_kn, action.speed_rpm)
+                return self._set_mode, "supervisor", request
             case AcknowledgeStop():
                 return self._acknowledge, "supervisor", Trigger.Request()
             case Switch():
-                return self._switch, "supervisor", _switch(action)
+                return self._switch, "supervisor", convert.switch_request(action.controller, action.wait_s)
             case SetReference():
-                wanted = srv.SetReference.Request(
-                    depth=units.m_from_mm(action.depth_mm), temperature=action.temperature_c, ramp=action.ramp
-                )
+                wanted = convert.set_reference_request(action.depth_mm, action.temperature_c, action.ramp)
                 return self._set_reference, "supervisor", wanted
             case Programme(action="abort"):
                 return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
                 return self._weld[action.action], "programme", Trigger.Request()
-            case Disturb():
-                return self._disturb, "emulated plant", _disturbance(action)
-            case Fail():
-                return self._fail, "emulated plant", _fault(action)
+            case Disturb() | Fail():
+                client = self._disturb if isinstance(action, Disturb) else self._fail
+                return client, "emulated plant", event_request(action.event)
         raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:
@@ -165,33 +160,3 @@ def _outcome(response: Any) -> tuple[bool, str]:
         ok = bool(response.goals_canceling)
         return ok, "the weld is aborted" if ok else "no weld is under way that could be aborted"
     return response.success if isinstance(response, Trigger.Response) else response.ok, str(response.message)
-
-
-def _mode(mode: str, force_kn: float | None = None, speed_rpm: float | None = None) -> SetMode.Request:
-    return SetMode.Request(
-        mode=mode,
-        axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
-        spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
-    )
-
-
-def _switch(action: Switch) -> SwitchController.Request:
-    seconds = int(action.wait_s)
-    wait = Duration(sec=seconds, nanosec=round((action.wait_s - seconds) * 1e9))
-    best_effort = SwitchController.Request.BEST_EFFORT
-    return SwitchController.Request(name=action.controller, strictness=best_effort, timeout=wait)
-
-
-def _disturbance(action: Disturb) -> SetDisturbance.Request:
-    return SetDisturbance.Request(
-        channel=action.channel,
-        shape=action.shape,
-        amplitude=units.to_si(action.amplitude, amplitude_unit(action.channel)),
-        duration=action.duration_s,
-        period=action.period_s,
-    )
-
-
-def _fault(action: Fail) -> SetFault.Request:
-    magnitude = units.to_si(action.magnitude, magnitude_unit(action.sensor, action.kind))
-    return SetFault.Request(sensor=action.sensor, kind=action.kind, magnitude=magnitude, duration=action.duration_s)

@@ -11,6 +11,7 @@ from fsw_control.contract import OperatorMode
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
+from fsw_plant.events import Disturbance, Fault
 from fsw_schema.models import InputError, Many, Model, validate
 from fsw_schema.ranges import Range
 
@@ -128,8 +129,13 @@ class Disturb(Action):
 
     @model_validator(mode="after")
     def _check_event(self) -> Disturb:
-        disturbance(self.channel, self.shape, self.amplitude, self.duration_s, self.period_s)
+        assert self.event
         return self
+
+    @property
+    def event(self) -> Disturbance:
+        """The disturbance; InputError when there may be none such."""
+        return disturbance(self.channel, self.shape, self.amplitude, self.duration_s, self.period_s)
 
     def __str__(self) -> str:
         return f"disturb {self.channel} {self.shape} {self.amplitude:g}{_times(self.duration_s, self.period_s)}"
@@ -147,8 +153,13 @@ class Fail(Action):
 
     @model_validator(mode="after")
     def _check_event(self) -> Fail:
-        fault(self.sensor, self.kind, self.magnitude, self.duration_s)
+        assert self.event
         return self
+
+    @property
+    def event(self) -> Fault:
+        """The fault; InputError when there may be none such."""
+        return fault(self.sensor, self.kind, self.magnitude, self.duration_s)
 
     def __str__(self) -> str:
         return f"fault {self.sensor} {self.kind} {self.magnitude:g}{_times(self.duration_s)}"

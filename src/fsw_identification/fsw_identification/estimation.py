@@ -14,12 +14,12 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.errors import IdentificationError
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS, TEMPERATURE, TORQUE
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
+from fsw_schema.models import InputError
 
 #: a parameter with a larger relative standard deviation is not identifiable
 LARGEST_DEVIATION = 0.25
@@ -111,7 +111,7 @@ def identify(
 
     Raises
     ------
-    IdentificationError
+    InputError
         No parameter is identifiable, or none can be computed.
     """
     iterations = 0
@@ -125,7 +125,7 @@ def identify(
     try:
         return _identify(segments, start or ModelParameters(), count, steady)
     except np.linalg.LinAlgError as error:
-        raise IdentificationError(
+        raise InputError(
             f"the estimate broke down ({error}); start nearer to the process (--model), or weld a designed experiment, "
             "see --design"
         ) from error
@@ -271,7 +271,7 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
     while True:
         names = [problem.free[i] for i in left]
         if not names or names == [_LEVEL]:
-            raise IdentificationError(
+            raise InputError(
                 "no parameter can be identified except perhaps the level of the torque: force and speed hardly move; "
                 "weld with steps, see --design"
             )

@@ -6,9 +6,9 @@ import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
-from fsw_identification.errors import IdentificationError
 from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters
+from fsw_schema.models import InputError
 
 _NAMES = ("friction_constant_nm", "friction_linear_nm_per_rpm", "friction_quadratic_nm_per_rpm2")
 #: after a change of the speed the torque settles for this many motor lags
@@ -40,7 +40,7 @@ def from_air(
 
     Raises
     ------
-    IdentificationError
+    InputError
         The run has too few speeds.
     """
     wait = round(_SETTLED * start.motor_lag_s / TICK_S)
@@ -54,7 +54,7 @@ def from_air(
     speed, torque = np.concatenate(speeds), np.concatenate(torques)
     distinct = 1 + int((np.diff(np.sort(speed)) > _ONE_SPEED_RPM).sum()) if speed.size else 0
     if distinct < _FEWEST_SPEEDS:
-        raise IdentificationError(
+        raise InputError(
             f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
             f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
         )

@@ -136,7 +136,7 @@ class Problem:
         self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
         #: (n, 3) by segment, at the last solution
         self.predicted, self.residuals = list[FloatArray](), list[FloatArray]()
-        self._known = [_measured(segment, start) for segment in segments]
+        self._known = [measured(segment, start) for segment in segments]
         self._parts: list[_Part] = []
 
     def set_shifts(self, shifts: Sequence[Shift], sizes: FloatArray) -> None:
@@ -370,7 +370,7 @@ def _settled(measured: FloatArray) -> FloatArray:
     return settled
 
 
-def _measured(segment: Segment, p: ModelParameters) -> Knowledge:
+def measured(segment: Segment, p: ModelParameters) -> Knowledge:
     """Depth and temperature as measured, smoothed."""
     shown = []
     for column, usual in zip(segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False):

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import COLOURS, STYLE
+from fsw_analysis.figure_style import COLOURS, sheet
 from fsw_analysis.report import page, source
 from fsw_control.weld import TICK_S
 from fsw_identification.estimation import Fit
@@ -36,9 +35,8 @@ def write(result: Summary, folder: Path) -> list[Path]:
 
 
 def _draw(result: Summary, path: Path) -> None:
-    with matplotlib.rc_context(STYLE):
-        columns = 3 if result.validation is not None else 2
-        figure = Figure(figsize=(6.5 * columns, 13.0), layout="constrained")
+    columns = 3 if result.validation is not None else 2
+    with sheet(6.5 * columns, 13.0, path) as figure:
         figure.suptitle(f"Model identified from {result.sources}", fontsize=12.0, fontweight="bold")
         grid = figure.subplots(5, columns, squeeze=False)
         _courses(list(grid[:, 0]), result.fit, result.judgement, "data")
@@ -47,7 +45,6 @@ def _draw(result: Summary, path: Path) -> None:
         _statistics(list(grid[:3, -1]), result.judgement)
         _deviations(grid[3, -1], result.fit)
         _correlation(figure, grid[4, -1], result.fit)
-        figure.savefig(path, format="png")
 
 
 def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) -> None:

@@ -14,7 +14,7 @@ from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
-from fsw_identification.errors import IdentificationError
+from fsw_schema.models import InputError
 
 #: a longer gap in the data ends a segment [s]
 _LONGEST_GAP_S = 2.0
@@ -70,7 +70,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
 
     Raises
     ------
-    IdentificationError
+    InputError
         The weld lacks sensors or inputs, or is too short.
     """
     name = str(signals.path)
@@ -79,7 +79,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
     if missing := [sensor for sensor in missing if sensor in needed]:
         topics = ", ".join(SENSOR_FIELDS[sensor][0] for sensor in needed)
-        raise IdentificationError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
+        raise InputError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
@@ -101,7 +101,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
         acceleration = np.diff(ends[:, 1], prepend=ends[0, 1]) / TICK_S
         segments.append(Segment(row[part[0]] * TICK_S, means[:, 0], means[:, 1], acceleration, grid[:, 2:]))
     if not segments:
-        raise IdentificationError(
+        raise InputError(
             f"{name}: no stretch of {_SHORTEST_S:g} s with sensors, force and speed ({signals.duration_s:.1f} s in all)"
         )
     return WeldData(name, segments, notes)
@@ -115,9 +115,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
     if not np.isfinite(commands).all():
-        raise IdentificationError(
-            f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown"
-        )
+        raise InputError(f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown")
     notes.append("no drives' feedback: the commands are used instead, without disturbances of the inputs")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
     acting, _ = scipy.signal.lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])

@@ -9,12 +9,12 @@ import pytest
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_identification import disturbed, estimation, model_file, report, statistics, summary
 from fsw_identification.elimination import knots
-from fsw_identification.errors import IdentificationError
 from fsw_identification.friction import from_air
 from fsw_identification.problem import HEAT
 from fsw_identification.simulation import DEPTH, KNOT_TICKS, Knowledge, driven, heated, respond, shown, walks
 from fsw_identification.weld_data import Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
+from fsw_schema.models import InputError
 
 NOISE = (0.002, 0.1, 2.0)
 #: a process unlike the nominal one, with a dead time of no whole number of steps
@@ -227,7 +227,7 @@ def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(estimation.Problem, "settle", broken)
-    with pytest.raises(IdentificationError, match=r"broke down \(Singular matrix\); start nearer"):
+    with pytest.raises(InputError, match=r"broke down \(Singular matrix\); start nearer"):
         estimation.identify([only(weld(seconds=40.0))])
 
 
@@ -239,7 +239,7 @@ def test_nothing_is_identifiable_at_rest() -> None:
     depth, temperature, torque = (of + std * one for of, std, one in zip(rest, NOISE, noise, strict=True))
     inputs = {"force_kn": np.full(600, 78.4), "speed_rpm": np.full(600, 407.6)}
     quiet = signals_of({"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs})
-    with pytest.raises(IdentificationError, match="force and speed hardly move"):
+    with pytest.raises(InputError, match="force and speed hardly move"):
         estimation.identify([only(quiet)])
 
 
@@ -319,12 +319,12 @@ def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
     ],
 )
 def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str) -> None:
-    with pytest.raises(IdentificationError, match=words):
+    with pytest.raises(InputError, match=words):
         prepare(replace(weld(seconds=40.0), **change), 0.0)  # type: ignore[arg-type]
 
 
 def test_a_short_weld() -> None:
-    with pytest.raises(IdentificationError, match="no stretch of 30 s"):
+    with pytest.raises(InputError, match="no stretch of 30 s"):
         prepare(weld(seconds=10.0), 0.0)
 
 
@@ -364,7 +364,7 @@ def test_friction_from_a_run_in_air() -> None:
     for name, std in deviations.items():
         assert abs(getattr(found, name) - getattr(p, name)) < 4.0 * std
     slow = replace(signals, drives=DriveSignals(np.zeros(800), np.full(800, 400.0)))
-    with pytest.raises(IdentificationError, match="it has 1"):
+    with pytest.raises(InputError, match="it has 1"):
         from_air(slow, ModelParameters(), 0.02)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -18,9 +17,8 @@ from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
 from fsw_control.managed_node_ros import ManagedNode
-from fsw_control.node_arguments import NodeArguments
-from fsw_control.node_main_ros import run
-from fsw_control.parameters import load, problem
+from fsw_control.node_main_ros import main_of
+from fsw_control.parameters import problem
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
@@ -224,9 +222,7 @@ def _link_settings(values: dict[str, Any]) -> LinkSettings:
     )
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(MachineNode, args, NodeArguments("fsw_machine", __doc__ or "", load("fsw_machine", "gateway.yaml")))
+main = main_of(MachineNode, "fsw_machine", __doc__, ("fsw_machine", "gateway.yaml"))
 
 
 if __name__ == "__main__":

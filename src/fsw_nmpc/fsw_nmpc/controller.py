@@ -65,10 +65,6 @@ class NmpcController:
     ----------
     values : mapping of str to Any, optional
         Parameters as described in ``nmpc.yaml``; what is missing has its default.
-    log : callable, optional
-        Gets one line that names the solver in use.
-    complain : callable, optional
-        Gets one line when another horizon cannot be made; by default the same.
 
     Attributes
     ----------
@@ -85,14 +81,9 @@ class NmpcController:
     parameters, variant = ("fsw_nmpc", "nmpc.yaml"), "preset"
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
-    def __init__(
-        self,
-        values: Mapping[str, Any] | None = None,
-        log: Callable[[str], object] | None = None,
-        complain: Callable[[str], object] | None = None,
-    ) -> None:
-        self._log = log or (lambda text: None)
-        self._complain = complain or self._log
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        self._log: Callable[[str], object] = lambda _: None
+        self._complain = self._log
         self._values = defaults(load(*self.parameters)) | dict(values or {})
         self.settings = Settings.of(self._values)
         self._maker: threading.Thread | None = None
@@ -100,6 +91,11 @@ class NmpcController:
         self._failure = ""
         self._use(self.settings, _make(self.settings))
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
+
+    def use_logger(self, logger: Any) -> None:
+        """Say there (``info``) which solver is in use, and (``error``) when another horizon cannot be made."""
+        self._log, self._complain = logger.info, logger.error
+        self._say_solver()
 
     def check(self, values: Mapping[str, Any]) -> str | None:
         """Return why these parameters cannot be used, or None."""
@@ -122,6 +118,9 @@ class NmpcController:
     def _use(self, settings: Settings, library: Library) -> None:
         self.library, self._blocks = library, settings.tuning.blocks
         self._time_s = tuple(library.horizon.time_s.tolist())
+        self._say_solver()
+
+    def _say_solver(self) -> None:
         self._log(f"solver: rti, {self._blocks} blocks, library {KERNEL.source_id()}")
 
     def _prepare(self) -> None:

@@ -83,7 +83,7 @@ class Tuning(Model):
     """Reference trajectories, cost and estimator."""
 
     trajectory: Annotated[str, AfterValidator(_known)] = "approach"
-    """reference trajectory: approach, constant, cold_start or recentred"""
+    """reference trajectory: approach, constant, cold_start, recentred or recentred_ahead"""
     depth_time_s: NonNegativeFloat = 1.0
     """time constant of the approach near the set-point, or of the corridor (tau_t)"""
     temperature_time_s: NonNegativeFloat = 0.84

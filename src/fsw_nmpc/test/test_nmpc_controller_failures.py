@@ -1,6 +1,7 @@
 """The controller through failed solves, late ticks, a diverged estimator and changes while it runs."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,7 +132,8 @@ def test_another_horizon_goes_on_with_the_plan(tmp_path):
 def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, monkeypatch):
     """The disk is full once: the old solver works on, the proposals say why, and the next change tries again."""
     told = []
-    loop = Loop(NmpcController(complain=told.append))
+    loop = Loop()
+    loop.controller.use_logger(SimpleNamespace(info=lambda _: None, error=told.append))
     (tmp_path / "54.yaml").write_text("blocks: 54")
     make, full = controller_module._make, [True]
 

@@ -1,5 +1,7 @@
 """Parameters, knobs and tuning files: complete, checked, and changed while it runs."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from fsw_control import Command, Measurement, Reference
@@ -44,7 +46,7 @@ def test_tuning_file_over_a_preset(tmp_path):
     tuning = Settings.of({"preset": "paper", "tuning_file": str(file)}).tuning
     assert (tuning.weight_depth_per_mm, tuning.estimator.torque_noise_nm, tuning.trajectory) == (7, 9.0, "constant")
     assert tuning.dead_band_depth_mm == PAPER.dead_band_depth_mm
-    assert set(TRAJECTORIES) == {"approach", "constant", "cold_start", "recentred"}
+    assert set(TRAJECTORIES) == {"approach", "constant", "cold_start", "recentred", "recentred_ahead"}
 
 
 @pytest.mark.parametrize(
@@ -112,7 +114,8 @@ def test_every_knob_does_something_and_one_is_neutral(knob):
 @pytest.mark.full
 def test_runtime_change_of_everything_without_a_bump():
     said = []
-    controller = NmpcController(log=said.append)
+    controller = NmpcController()
+    controller.use_logger(SimpleNamespace(info=said.append, error=None))
     for _ in range(10):
         step(controller)
     for values in (

@@ -119,6 +119,14 @@ def test_corridors_of_the_paper(library, kind, ticks, first):
         assert (2.76 - depth) / (2.76 - depth[0]) == pytest.approx(np.exp(-(time_s - 0.1) / 5.0), rel=1e-6)
 
 
+def test_a_corridor_recentred_ahead_starts_where_the_temperature_will_be_after_the_dead_time(library):
+    """At rest that is where it is now; the depth has no dead time."""
+    tuning = PAPER.changed(trajectory="recentred_ahead")
+    time_s, (depth, temperature), _ = trajectories(library, 2.76, 826.4, tuning=tuning, ticks=20)
+    assert 2.76 - depth == pytest.approx(0.1 * np.exp(-time_s / 5.0), rel=1e-4)
+    assert 826.4 - temperature == pytest.approx(10.0 * np.exp(-np.maximum(time_s - 2.8, 0.0) / 5.0), rel=1e-4)
+
+
 @pytest.mark.parametrize("depth_mm", [-1e12, 0.0, 1e12])
 @pytest.mark.parametrize("temperature_c", [-1e9, 816.4, 1e9])
 def test_absurd_set_points_give_finite_trajectories(library, depth_mm, temperature_c):

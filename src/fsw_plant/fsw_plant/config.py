@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args, get_origin
 
 from fsw_canister import CanisterParameters
 from fsw_control import Limits, parameters
-from fsw_control.parameters import ParameterError, ParameterSpec
+from fsw_control.parameters import ParameterSpec
 from fsw_model import STEP_S, ModelParameters
-from fsw_schema.models import descriptions, validate
+from fsw_schema.models import InputError, descriptions, validate
 from fsw_schema.ranges import Range
 
 
@@ -92,7 +92,7 @@ class PlantConfig:
 
         Raises
         ------
-        fsw_control.parameters.ParameterError
+        fsw_schema.models.InputError
             If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
@@ -107,7 +107,7 @@ class PlantConfig:
             )
             return cls(checked, limits, _model(checked), _canister(checked))
         except ValueError as error:
-            raise ParameterError(str(error)) from None
+            raise InputError(str(error)) from None
 
 
 def json_schema() -> dict[str, Any]:

@@ -17,9 +17,7 @@ from std_msgs.msg import Header
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.managed_node_ros import ManagedNode
-from fsw_control.node_arguments import NodeArguments
-from fsw_control.node_main_ros import run
-from fsw_control.parameters import ParameterError
+from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
@@ -276,7 +274,7 @@ class PlantNode(ManagedNode):
             PlantConfig.from_values(values)
             if not self.is_configured or values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
-        except (ParameterError, InputError) as error:
+        except InputError as error:
             return str(error)
         return None
 
@@ -306,9 +304,7 @@ def _mode(speed: float, simulated: bool) -> str:
     return f"simulated time at speed {speed:g}" if simulated else "real time"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(PlantNode, args, NodeArguments("fsw_plant", __doc__ or "", specs()))
+main = main_of(PlantNode, "fsw_plant", __doc__, specs)
 
 
 if __name__ == "__main__":

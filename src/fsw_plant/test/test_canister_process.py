@@ -5,7 +5,6 @@ from math import exp
 import pytest
 
 from fsw_canister import CanisterParameters
-from fsw_control.parameters import ParameterError
 from fsw_model import ModelParameters, OperatingPointError
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.canister_process import CanisterProcess
@@ -161,11 +160,11 @@ def test_parameters_of_the_canister_are_parameters_of_the_plant():
     config = PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 52.0}})
     assert config.canister == CanisterParameters(wall_mm=52.0)
     assert PlantConfig.from_values({"canister.wall_mm": 52.0}).canister is None
-    with pytest.raises(ParameterError, match=r"canister.wall_mm: -1 is outside"):
+    with pytest.raises(InputError, match=r"canister.wall_mm: -1 is outside"):
         PlantConfig.from_values({"canister.wall_mm": -1})
-    with pytest.raises(ParameterError, match="must be less than outer_radius_mm"):
+    with pytest.raises(InputError, match="must be less than outer_radius_mm"):
         PlantConfig.from_values({"process": "canister", "canister": {"wall_mm": 400.0, "outer_radius_mm": 300.0}})
-    with pytest.raises(ParameterError, match=r"process: 'steel' is not one of paper, canister"):
+    with pytest.raises(InputError, match=r"process: 'steel' is not one of paper, canister"):
         PlantConfig.from_values({"process": "steel"})
 
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control import Command
-from fsw_control.parameters import ParameterError
 from fsw_control.weld import TICK_NS
 from fsw_model import OperatingPointError, ProcessModel
 from fsw_plant import FIRST_TICK, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_schema.models import InputError
 
 
 def plant_of(**values):
@@ -242,10 +242,10 @@ def test_own_model_parameters_from_a_file(tmp_path):
     file.write_text("copper_lag_s: 70\nsliding_friction: 4.0e-1\n")
     plant = plant_of(model_file=str(file), model={"copper_lag_s": 2.0})
     assert plant.config.model.copper_lag_s == 140.0 and plant.config.model.sliding_friction == 0.4
-    with pytest.raises(ParameterError, match="cannot read model"):
+    with pytest.raises(InputError, match="cannot read model"):
         plant_of(model_file=str(tmp_path / "none.yaml"))
     file.write_text("coper_lag_s: 70")
-    with pytest.raises(ParameterError, match="coper_lag_s is an unknown key"):
+    with pytest.raises(InputError, match="coper_lag_s is an unknown key"):
         plant_of(model_file=str(file))
 
 

@@ -126,7 +126,7 @@ def read_chain(folder: Path, trusted: Sequence[PublicKey]) -> Chain:
     entries, problems = [], []
     seen: dict[str, int] = {}
     before: Signed | None = None
-    expected = 1
+    expected, unusable, since = 1, "", 0
     for path in names:
         number = int(path.stem)
         if number != expected:
@@ -136,9 +136,15 @@ def read_chain(folder: Path, trusted: Sequence[PublicKey]) -> Chain:
         try:
             one = read_signed(path, trusted)
         except InputError as error:
-            problems.append(str(error))
+            text = str(error).removeprefix(f"{path}: ")
+            if text == unusable and number == expected:  # by a wrong key all are signed: one line, not one for each
+                problems[-1] = f"{folder}: weld {since} and those after it, to {number}: {text}"
+            else:
+                problems.append(str(error))
+                unusable, since = text, number
             before, expected = None, number + 1
             continue
+        unusable = ""
         if one.content.number != number:
             problems.append(f"{path}: is the attestation of weld {one.content.number}, not of weld {number}")
         if before is not None and one.content.previous_sha256 != before.sha256:

@@ -16,7 +16,7 @@ EXONERATED = 0.5
 RESIDUALS = {"torque": "drift_torque", "depth": "drift_depth", "heat": "drift_heat"}
 #: figures that follow from another cause, by the begin of the names: they tell nothing beside one
 _FOLLOWS = ("innovation", "movement", "poor_control")
-#: gains are wrong while a sensor drifts
+#: gains are wrong while a sensor drifts, and less sure than they seem while its noise has grown
 _GAINS = ("gain", "dead_time")
 
 Answer = Literal["yes", "no", "any"]
@@ -84,8 +84,8 @@ def diagnose(
     found = []
     if residuals := beyond & set(RESIDUALS.values()):
         found.append(_of_residuals(residuals, ratios, figures, limits, words))
-        if found[0].of_sensor:
-            beyond = {name for name in beyond if not name.startswith(_GAINS)}
+    if any(one.of_sensor for one in found) or any(name.startswith("noise_grown") for name in beyond):
+        beyond = {name for name in beyond if not name.startswith(_GAINS)}
     rest = sorted(beyond - residuals, key=lambda name: -ratios[name])
     own = [name for name in rest if not name.startswith(_FOLLOWS)]
     for name in own if found or own else rest[:1]:

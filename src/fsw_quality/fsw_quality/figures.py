@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from fsw_analysis.figure_style import STYLE
+from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import png
 from fsw_quality.course import Course
 from fsw_quality.exceedances import Exceedance
@@ -42,8 +40,7 @@ _NEAR = 0.6
 
 def traces(course: Course, procedure: Procedure) -> bytes:
     """Measured variables, set-points and limits over time, as PNG."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    with sheet(9.0, 9.0) as figure:
         axes = figure.subplots(len(_PANELS), 1, sharex=True)
         minutes = course.time_s / 60.0
         for axis, (name, label) in zip(axes, _PANELS.items(), strict=True):
@@ -85,8 +82,7 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
     rows = [limit.words for _, limit in procedure.limits()]
     rows += dict.fromkeys(one.limit for one in found if one.kind == "set_point")
     end = max(float(known.max()), 1.0)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 1.4 + 0.3 * len(rows)), layout="constrained")
+    with sheet(9.0, 1.4 + 0.3 * len(rows)) as figure:
         axis = figure.subplots()
         for one in found:
             if one.angle_deg is None:

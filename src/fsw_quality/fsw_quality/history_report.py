@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pyarrow as pa
-from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import STYLE
+from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
 from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
 from fsw_quality.history import NUMBERS, column
@@ -20,12 +20,27 @@ from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
 WORN_NM = 50.0
-#: smallest spreads that count, so that what is equal to the last digit makes no signal of nothing
-_LEAST = {"torque_nm": 0.5, "power_kw": 0.02, "gain_heat": 0.005, "gain_depth": 0.005, "duration_s": 1.0}
+#: smallest spreads that count (chosen): three of them are harmless, however alike the welds are
+_LEAST = {
+    "temperature_error_mean_c": 0.1,
+    "temperature_error_sigma_c": 0.1,
+    "temperature_error_max_c": 0.3,
+    "depth_error_mean_mm": 0.0005,
+    "depth_error_sigma_mm": 0.0005,
+    "depth_error_max_mm": 0.002,
+    "torque_nm": 0.5,
+    "power_kw": 0.02,
+    "gain_heat": 0.005,
+    "gain_depth": 0.005,
+    "drift_torque_nm": 0.3,
+    "drift_depth_um_per_min": 0.5,
+    "drift_heat_c": 0.5,
+}
 #: what is charted: all but what differs by intention
 CHARTED = tuple(name for name in NUMBERS if name != "duration_s")
-#: welds in the report's tables
-_MOST = 40
+#: welds in the report's tables, and with the same alarm from which on that is one line
+_MOST, _ALIKE = 40, 3
+_CHARTS = {"shewhart": "Shewhart", "ewma": "EWMA", "cusum": "CUSUM"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +82,8 @@ def tools(table: pa.Table) -> list[ToolLife]:
 def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
     """Weld and what stands out there: first signals of the charts, alarms, swaps, operators' actions, verdicts."""
     names = table["weld"].to_pylist()
-    said: list[tuple[int, str]] = []
-    for name, one in found.items():
-        for kind, at in one.signals.items():
-            if at:
-                more = f", and at {len(at) - 1} later welds" if len(at) > 1 else ""
-                value = f"{one.values[at[0]]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
-                said.append((at[0], f"{kind} chart of {NUMBERS[name]} signals: {value}{more}"))
-    for i, weld in enumerate(table.select(["alarm_texts", "swaps", "operators", "verdict", "controllers"]).to_pylist()):
-        said += [(i, f"alarm at {line}") for line in (weld["alarm_texts"] or "").splitlines()]
+    said = [*_signals(found), *_alarms(names, table["alarm_texts"].to_pylist())]
+    for i, weld in enumerate(table.select(["swaps", "operators", "verdict", "controllers"]).to_pylist()):
         if weld["swaps"]:
             said.append((i, f"{weld['swaps']} swap(s): {weld['controllers']}"))
         if weld["operators"]:
@@ -83,6 +91,40 @@ def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
         if weld["verdict"] in ("review", "reject"):
             said.append((i, f"verdict {weld['verdict']}"))
     return [(names[i], text) for i, text in sorted(said)]
+
+
+def _signals(found: dict[str, Chart]) -> list[tuple[int, str]]:
+    """Where the charts of each quantity signal first; those that do so at the same weld in one line."""
+    said = []
+    for name, one in found.items():
+        first: dict[int, list[str]] = {}
+        for kind, at in one.signals.items():
+            if at:
+                first.setdefault(at[0], []).append(kind)
+        for at_first, kinds in first.items():
+            later = max(len(one.signals[kind]) for kind in kinds) - 1
+            more = f", and at {later} later weld{'s' * (later > 1)}" if later else ""
+            value = f"{one.values[at_first]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
+            charts_of = ", ".join(_CHARTS[kind] for kind in kinds)
+            said.append((at_first, f"{charts_of} chart of {NUMBERS[name]} signals: {value}{more}"))
+    return said
+
+
+def _alarms(names: Sequence[str], texts: Sequence[str | None]) -> list[tuple[int, str]]:
+    """The alarms; one that many welds have, but for its figures, in one line at the first of them."""
+    alike: dict[str, list[tuple[int, str]]] = {}
+    for i, lines in enumerate(texts):
+        for line in (lines or "").splitlines():
+            alike.setdefault(re.sub(r"[-+]?[0-9][0-9.]*", "#", line), []).append((i, line))
+    said = []
+    for own in alike.values():
+        welds = sorted({i for i, _ in own})
+        if len(welds) > _ALIKE:
+            more = f"alarm in {len(welds)} welds, the last is {names[welds[-1]]}; here at {own[0][1]}"
+            said.append((welds[0], more))
+        else:
+            said += [(i, f"alarm at {line}") for i, line in own]
+    return said
 
 
 def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
@@ -127,8 +169,7 @@ def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
     shown = list(found)
     tool = table["tool"].to_pylist()
     changes = [i + 0.5 for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(11.0, 1.6 * max(len(shown), 1) + 0.6), layout="constrained")
+    with sheet(11.0, 1.6 * max(len(shown), 1) + 0.6) as figure:
         axes = figure.subplots(max(len(shown), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
         for (left, right), name in zip(axes, shown, strict=False):
             one = found[name]

@@ -58,12 +58,12 @@ class _Count:
     back: int = 0
     active: bool = False
 
-    def look(self, value: float, limit: float) -> None:
+    def look(self, value: float, limit: float, known: bool) -> None:
         self.beyond = self.beyond + 1 if value > limit else 0
         self.back = self.back + 1 if value < _BACK * limit else 0
         if self.beyond >= _ON_S:
             self.active = True
-        elif self.back >= _OFF_S:
+        elif self.back >= _OFF_S or (known and value == 0.0):  # nothing is left to tell
             self.active = False
 
 
@@ -165,7 +165,7 @@ class Monitor:
                 told[f"drive {drive.name}"] = drive.figures(calm_s)
         else:
             for innovation in self._innovations:
-                told[f"innovation {innovation.name}"] = innovation.figures(since_s)
+                told[f"innovation {innovation.name}"] = innovation.figures(since_s, calm_s)
         if turn % 5 == 0:
             noises = self._sensors[0].normal, self._sensors[2].normal
             for loop, noise in zip(self._loops, noises, strict=True):
@@ -173,7 +173,8 @@ class Monitor:
         self.figures = {name: value for figures in told.values() for name, value in figures.items()}
         for name, limit in self._limits.limits.items():
             if name in self.figures or name in self._counts:
-                self._counts.setdefault(name, _Count()).look(self.figures.get(name, 0.0), limit)
+                count = self._counts.setdefault(name, _Count())
+                count.look(self.figures.get(name, 0.0), limit, name in self.figures)
         active = {name: count.active for name, count in self._counts.items()}
         self.findings = []
         if any(active.values()):

@@ -54,6 +54,21 @@ def robust_slope(values: FloatArray, step_s: float, span: int) -> float:
     return float(np.median(values[span:] - values[:-span])) / (span * step_s)
 
 
+def gain_beside_slope(values: FloatArray, cause: FloatArray, gain: float, gain_error: float, noise: float) -> float:
+    """Gain with which ``cause`` acts on values that have a slope, too, by least squares.
+
+    The gain is known beforehand, with the standard error ``gain_error`` (ridge regression): where the cause does not
+    move, or moves like a slope, the known gain stays. ``noise`` is that of a value.
+    """
+    n = values.size
+    if n < 3:
+        return gain
+    time, moved = np.arange(n) - 0.5 * (n - 1), cause - cause.mean()
+    rest = values - values.mean() - gain * moved
+    squares = np.array([[time @ time, time @ moved], [time @ moved, moved @ moved + (noise / gain_error) ** 2]])
+    return gain + float(np.linalg.solve(squares, np.array([time @ rest, moved @ rest]))[1])
+
+
 def ljung_box(values: FloatArray) -> float:
     """Ljung and Box's Q per degree of freedom: about 1 for white noise (Biometrika 65, 1978, 297-303)."""
     n, centred = values.size, values - values.mean()

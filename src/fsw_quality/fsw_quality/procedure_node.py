@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import yaml
@@ -13,9 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 from fsw_control import messages_ros as convert
-from fsw_control.node_arguments import NodeArguments
-from fsw_control.node_main_ros import run
-from fsw_control.parameters import load as load_parameters
+from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
 from fsw_control.topics_ros import LATCHED, STREAM
@@ -46,7 +44,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._told: dict[str, str] = {}
         self._tunings: dict[str, dict[str, Any]] = {}
         self._diagnostics = DiagnosticsPublisher(self)
-        self._snapshots = ParameterSnapshots(self, self._on_parameters)
+        self._snapshots = ParameterSnapshots(self, self._on_parameters, self._is_of_this_weld)
         self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_reference, LATCHED)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATCHED)
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_event, STREAM)
@@ -65,6 +63,10 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._watch.state(message.actual_controller, message.actual_mode, message.requested_by)
         self._tell()
 
+    def _is_of_this_weld(self, node: str) -> bool:
+        home, _, name = node.rpartition("/")
+        return home == self.get_namespace().rstrip("/") and name.startswith(_PREFIX)
+
     def _on_parameters(self, node: str, text: str) -> None:
         self._take(node, yaml.safe_load(text)[node]["ros__parameters"])
 
@@ -74,11 +76,8 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
             self._take(message.node, {one.name: parameter_value_to_python(one.value) for one in changed})
 
     def _take(self, node: str, values: Mapping[str, Any]) -> None:
-        name = node.rpartition("/")[2]
-        if not name.startswith(_PREFIX):
-            return
         self._tunings[node] = self._tunings.get(node, {}) | dict(values)
-        self._watch.tuning(name.removeprefix(_PREFIX), self._tunings[node])
+        self._watch.tuning(node.rpartition("/")[2].removeprefix(_PREFIX), self._tunings[node])
         self._tell()
 
     def _tell(self) -> None:
@@ -111,10 +110,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is stopped; returns the exit code."""
-    about = NodeArguments("fsw_procedure", __doc__ or "", load_parameters("fsw_quality", "procedure_node.yaml"))
-    return run(ProcedureNode, args, about)
+main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_quality", "procedure_node.yaml"))
 
 
 if __name__ == "__main__":

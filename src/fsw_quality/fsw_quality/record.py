@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -29,7 +30,7 @@ from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import mapped, sha256
-from fsw_schema.models import Many, Model
+from fsw_schema.models import InputError, Many, Model, content_of, validate
 
 #: actions on the operator's page that change who has control, and what is answered when it is handed over
 _CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
@@ -40,7 +41,7 @@ _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
     "/fsw/weld_progress": "phases, angles and positions along the weld",
     "/fsw/drives": "force and speed as the drives measure them",
-    "/fsw/alarms": "alarms: no journal is recorded",
+    "/fsw/alarms": "whether there were alarms: the operator's page reports them, and no report was recorded",
 }
 
 
@@ -196,10 +197,13 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
     signals.problems.extend(wrong)
     with BagReader(bag) as reader:
         custom = dict(reader.metadata.custom_data)
+        told = attached_procedures(signals)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
-            told = sorted([*signals.events, *told_deviations(reader, signals)], key=lambda one: one.time_s)
-            signals = replace(signals, events=told)
+            known = [one.text for one in told]
+            told += [one for one in told_by_watch(reader, signals) if one.text not in known]
+    if told:
+        signals = replace(signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s))
     return signals, custom, proof
 
 
@@ -274,12 +278,12 @@ def assemble(
     return record, course
 
 
-def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
-    """What the node that watches the procedure told while the weld ran, each change once."""
+def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
+    """What the node that watches the procedure told while the weld ran, each change once: procedure, deviations."""
     topic = reader.topics().get(_DIAGNOSTICS)
     if topic is None:
         return []
-    definitions, found, before = Definitions(), [], ""
+    definitions, found, before, welded_by = Definitions(), [], "", ""
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
     for record in reader.records([_DIAGNOSTICS]):
         if name.encode() not in record.data:
@@ -288,12 +292,33 @@ def told_deviations(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         line = next((one for one in message.status if one.name == name), None)
         if line is None:
             continue
+        stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+        time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
+        values = {one.key: one.value for one in line.values}
+        if "SHA-256" in values and welded_by != (now := procedure_words(values)):
+            found.append(WeldEvent(time_s, "procedure", now))
+            welded_by = now
         if line.message != before and (before or line.level):
-            stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
-            time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
             found.append(WeldEvent(time_s, "deviation", line.message))
         before = line.message
     return found
+
+
+def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
+    """By which procedure the weld began: the file that was attached to the bag."""
+    found = []
+    for name, data in signals.attachments.items():
+        if name.endswith(".yaml") and b"fsw_weld_procedure" in data:
+            with suppress(InputError):  # a scenario that names the format is none
+                one = validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name).identity
+                values = {"procedure": one.id, "revision": one.revision, "SHA-256": one.sha256}
+                found.append(WeldEvent(float(signals.time_s[0]), "procedure", procedure_words(values)))
+    return found
+
+
+def procedure_words(values: Mapping[str, str]) -> str:
+    """Identity of a procedure from the values that the node that watches it tells."""
+    return f"{values.get('procedure', '')} revision {values.get('revision', '')}, SHA-256 {values['SHA-256']}"
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:
@@ -346,6 +371,8 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
         lacking.append("software versions (versions.json is not in the bag)")
     if "lost_messages" not in custom:
         lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
+    if not any(one.kind == "procedure" for one in signals.events):
+        lacking.append(f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})")
     if evidence.stamp_ns is None:
         lacking.append("the day of the weld (simulated time)")
     return lacking

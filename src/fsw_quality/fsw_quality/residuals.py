@@ -30,6 +30,8 @@ from fsw_model import STEP_S, ModelParameters, equations
 #: a jump from one sample to the next, in standard deviations of the noise, that no process makes: an edge of the
 #: workpiece, a step of the sensor (chosen)
 JUMP = 8.0
+#: least noise of the depth that is reckoned with [mm], and the time over which it is looked at [s] (chosen)
+DEPTH_NOISE_MM, _NOISE_S = 0.003, 3.0
 
 
 class Residuals(NamedTuple):
@@ -40,7 +42,7 @@ class Residuals(NamedTuple):
     heat_c: float
     model_torque_nm: float  #: process torque of the model
     pressed_mm: float  #: Delta l that the force has made, and
-    sunk_mm: float  #: Delta l that is measured
+    sunk_mm: float  #: Delta l that is measured, without edges of the workpiece
     heated_c: float  #: temperature that the power makes without dead time
     rise_c: float  #: measured temperature above the operating point
     power_kw: float
@@ -69,12 +71,14 @@ class ModelResiduals:
         self._thermal = [float(one) for one in (*stepped[0], *stepped[1])]
         self._delay = round(p.dead_time_s / STEP_S)
         self._first = True
+        self._depth = self._edges = self._moves = 0.0
 
     def step(
         self, depth_mm: float, torque_nm: float, temperature_c: float, force_kn: float, speed_rpm: float
     ) -> Residuals:
         """Residuals at a tick; ``force_kn`` and ``speed_rpm`` act, as the drives report them."""
         p = self._p
+        depth_mm = self._without_edges(depth_mm)
         process_nm, friction_nm = (float(one) for one in self._torques(force_kn, depth_mm, speed_rpm).nonzeros())
         rise_c, static_nm = temperature_c - p.operating_temperature_c, process_nm + friction_nm
         if self._first:
@@ -104,6 +108,15 @@ class ModelResiduals:
             rise_c,
             power,
         )
+
+    def _without_edges(self, depth_mm: float) -> float:
+        """An edge of the workpiece moves what depth is measured from, and not what the tool stirs."""
+        moved = 0.0 if self._first else depth_mm - self._depth
+        self._depth = depth_mm
+        if abs(moved) > JUMP * max(DEPTH_NOISE_MM, self._moves):
+            self._edges += moved
+        self._moves += STEP_S / _NOISE_S * (abs(moved) - self._moves)
+        return depth_mm - self._edges
 
     def _heat(self, power_kw: float) -> None:
         aa, ab, ap, ba, bb, bp = self._thermal
@@ -141,17 +154,18 @@ class GainEstimate:
         In the unit of the response.
     noise : float
         Standard deviation of the measurement's noise, below which the rest does not count.
+    forget_s : float
+        Time constant of the forgetting.
     """
 
     WASHOUT_S = 40.0
-    FORGET_S = 40.0
     #: the rest is no white noise; so many samples count as one
     CORRELATED = 10.0
 
-    def __init__(self, dead_times_s: tuple[float, ...], least: float, noise: float) -> None:
+    def __init__(self, dead_times_s: tuple[float, ...], least: float, noise: float, forget_s: float) -> None:
         self._behind = np.array([round(one / STEP_S) for one in dead_times_s])
         self._dead_times_s, self._least, self._noise = np.array(dead_times_s), least, noise
-        self._keep, self._forget = exp(-STEP_S / self.WASHOUT_S), exp(-STEP_S / self.FORGET_S)
+        self._keep, self._forget = exp(-STEP_S / self.WASHOUT_S), exp(-STEP_S / forget_s)
         self._history = np.zeros(int(self._behind.max()) + 1)
         self._at = 0
         self._xx = self._xy = np.zeros(len(dead_times_s))

@@ -129,7 +129,7 @@ def load_public(path: Path) -> PublicKey:
     try:
         key = serialization.load_ssh_public_key(path.read_bytes())
     except OSError as error:
-        raise InputError(f"public key {path}: {error.strerror}; 'fsw.py bag keygen' makes one") from None
+        raise InputError(f"public key {path}: {error.strerror}; give that of the signer with --key") from None
     except Exception:  # cryptography raises many kinds
         pass
     if not isinstance(key, Ed25519PublicKey):

@@ -80,6 +80,7 @@ def judge(
     """All rules, in the order of the record."""
     return [
         *_limits(procedure, found),
+        *_welded_by(procedure, events),
         _complete(course, procedure),
         _recording(course, evidence),
         *_sensors(course, procedure, evidence),
@@ -119,6 +120,16 @@ def _extent(own: Sequence[Exceedance], longest: float) -> str:
     parts += [] if furthest is None else [f"by up to {furthest:.4g}"]
     parts += [f"{missing} samples missing"] if missing else []
     return ", ".join(parts)
+
+
+def _welded_by(procedure: Procedure, events: Sequence[WeldEvent]) -> Iterator[Rule]:
+    """Whether the weld ran by the procedure that it is judged by, where that is on record."""
+    told = [one.text for one in events if one.kind == "procedure"]
+    if told:
+        wanted = procedure.identity
+        words = f"welded by {wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
+        broken = any(not one.endswith(wanted.sha256) for one in told)
+        yield _rule("procedure", words, "; ".join(one[:-52] + "…" for one in told), broken)
 
 
 def _complete(course: Course, procedure: Procedure) -> Rule:

@@ -10,18 +10,24 @@ from fsw_control.weld import TICK_S
 from fsw_quality.monitor_statistics import (
     Window,
     best_delay,
+    gain_beside_slope,
     harris_index,
     ljung_box,
     noise_sigma,
     oscillation,
     robust_slope,
 )
-from fsw_quality.residuals import JUMP, Gain, GainEstimate, Residuals
+from fsw_quality.residuals import DEPTH_NOISE_MM, JUMP, Gain, GainEstimate, Residuals
 
 #: all chosen: length of the windows, and of the time from which a weld's own normal values are learnt
 LEARN_S = 90.0
 _SECOND = round(1.0 / TICK_S)
-_LEVEL_S, _SLOPE_S, _SPAN_S = 20, 60, 15
+#: length of the windows [s]: of the torque's level, so long that a swing of a minute is none; of other levels; of the
+#: depth's slope, and the span of its differences, below a third of it, so that a step is none
+_TORQUE_S, _LEVEL_S, _SLOPE_S, _SPAN_S = 60, 20, 75, 24
+#: noise of the depth's median over a second [mm], and how well the gain of the depth is known, before the weld and
+#: within it (chosen)
+_DEPTH_MM, _GAIN_BEFORE, _GAIN_WITHIN = 0.001, 0.1, 0.05
 #: a dead time that differs by less is the nominal one
 _DEAD_TIME_S = 0.4
 #: a swing is worth an alarm from so many standard deviations of the sensor's noise on
@@ -30,8 +36,6 @@ _VISIBLE = 3.0
 _SETTLED_S = 60.0
 #: noise within this ratio of what was learnt is usual (chosen, below the limits)
 _USUAL = 1.6
-#: a gain is known with this standard error
-_KNOWN = 0.03
 
 
 class SensorWatch:
@@ -182,8 +186,8 @@ class InnovationWatch:
         self._window.append(residual - self._mean)
         self._mean += self._FOLLOW * (residual - self._mean)
 
-    def figures(self, time_s: float) -> dict[str, float]:
-        """Figures at a second."""
+    def figures(self, time_s: float, calm_s: float) -> dict[str, float]:
+        """Figures at a second; after a step of a set-point the error of a gain has a colour, which its figure tells."""
         if not self._window.full:
             return {}
         values = self._window.values()
@@ -196,41 +200,36 @@ class InnovationWatch:
         normal = self._normal = float(np.median(self._learnt))
         if normal <= 0.0:
             return {}
-        return {
-            f"innovation_size_{self.name}": variance / normal,
-            f"innovation_colour_{self.name}": ljung_box(values),
-        }
+        found = {f"innovation_size_{self.name}": variance / normal}
+        if calm_s > _SETTLED_S:
+            found[f"innovation_colour_{self.name}"] = ljung_box(values)
+        return found
 
 
 class ModelWatch:
     """Residuals, second by second: their levels and slopes against those at the begin of the weld, and the gains."""
 
+    _NAMES = ("torque", "model_torque", "heat", "pressed", "sunk")
+
     def __init__(self, dead_time_s: float) -> None:
-        size = round(LEARN_S)
-        self._seconds = {name: Window(max(size, _SLOPE_S)) for name in ("torque", "depth", "heat", "ratio")}
-        self._ticks = {name: Window(_SECOND) for name in self._seconds}
-        self._normal: dict[str, float] = {}
+        self._seconds = {name: Window(round(LEARN_S)) for name in self._NAMES}
+        self._ticks = {name: Window(_SECOND) for name in self._NAMES}
         offsets = (0.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)
         self._nominal_s = dead_time_s
-        self.heat = GainEstimate(tuple(dead_time_s + one for one in offsets), 0.7, 0.15)
-        self.depth = GainEstimate((0.0,), 0.02, 0.003)
+        self.heat = GainEstimate(tuple(dead_time_s + one for one in offsets), 0.7, 0.15, 40.0)
+        self.depth = GainEstimate((0.0,), 0.02, DEPTH_NOISE_MM, 15.0)
         self.levels: dict[str, float] = {}  #: of torque [N m] and heat [degC], slope of depth [mm/s]; NaN before
-        self._adrift = 0.0
-        self._before: tuple[float, float] | None = None
-        self._depth_gain = 1.0
+        self._normal: dict[str, float] = {}
+        #: of the weld, so that a step of a set-point is no drift: measured over model torque less 1, and the depth's
+        self._torque_share, self._depth_gain = 0.0, 1.0
         self.torque_ratio = nan  #: measured torque of the process over the model's
         self.gains: dict[str, Gain] = {}
 
     def push(self, now: Residuals) -> None:
         """Take the residuals of a tick."""
-        self._ticks["torque"].append(now.torque_nm)
-        if self._before is not None:
-            # with the gain that the weld has, so that a set-point's step is no drift
-            self._adrift += now.sunk_mm - self._before[0] - self._depth_gain * (now.pressed_mm - self._before[1])
-        self._before = now.sunk_mm, now.pressed_mm
-        self._ticks["depth"].append(self._adrift)
-        self._ticks["heat"].append(now.heat_c)
-        self._ticks["ratio"].append(1.0 + now.torque_nm / now.model_torque_nm)
+        values = now.torque_nm, now.model_torque_nm, now.heat_c, now.pressed_mm, now.sunk_mm
+        for window, value in zip(self._ticks.values(), values, strict=True):
+            window.append(value)
         self.heat.step(now.heated_c, now.rise_c)
         self.depth.step(now.pressed_mm, now.sunk_mm)
 
@@ -238,29 +237,32 @@ class ModelWatch:
         """A second is over: its medians count."""
         for name, window in self._ticks.items():
             self._seconds[name].append(float(np.median(window.values())))
-        depth = self._seconds["depth"].values(_SLOPE_S)
-        now = {
-            "torque": float(np.median(self._seconds["torque"].values(_LEVEL_S))),
-            "heat": float(np.median(self._seconds["heat"].values(_LEVEL_S))),
-            "depth": robust_slope(depth, 1.0, _SPAN_S),
-        }
-        self.torque_ratio = float(np.median(self._seconds["ratio"].values(_LEVEL_S)))
+        torque, model, heat, pressed, sunk = (self._seconds[name].values() for name in self._NAMES)
+        shares = torque / model
+        if shares.size >= _LEVEL_S:  # before, the begin of the weld counts
+            self.torque_ratio = 1.0 + float(np.median(shares[-_LEVEL_S:]))
         if time_s <= LEARN_S:
+            self._torque_share = float(np.median(shares))
+            self._depth_gain = gain_beside_slope(sunk, pressed, 1.0, _GAIN_BEFORE, _DEPTH_MM)
             self._normal = {
-                "torque": float(np.median(self._seconds["torque"].values())),
-                "heat": float(np.median(self._seconds["heat"].values())),
-                "depth": robust_slope(self._seconds["depth"].values(), 1.0, 2 * _SPAN_S),
+                "torque": float(np.median(torque - self._torque_share * model)),
+                "heat": float(np.median(heat)),
+                "depth": robust_slope(sunk - self._depth_gain * pressed, 1.0, _SPAN_S),
             }
-            self.levels = dict.fromkeys(now, nan)
-        else:
-            self.levels = {name: value - self._normal[name] for name, value in now.items()}
+            self.levels = dict.fromkeys(self._normal, nan)
+            return
+        sunk, pressed = sunk[-_SLOPE_S:], pressed[-_SLOPE_S:]
+        gain = gain_beside_slope(sunk, pressed, self._depth_gain, _GAIN_WITHIN, _DEPTH_MM)
+        now = {
+            "torque": float(np.median((torque - self._torque_share * model)[-_TORQUE_S:])),
+            "heat": float(np.median(heat[-_LEVEL_S:])),
+            "depth": robust_slope(sunk - gain * pressed, 1.0, _SPAN_S),
+        }
+        self.levels = {name: value - self._normal[name] for name, value in now.items()}
 
     def estimate(self) -> None:
         """Estimate the gains."""
         self.gains = {"heat": self.heat.estimate(), "depth": self.depth.estimate()}
-        depth = self.gains["depth"]
-        if depth.excited and depth.error < _KNOWN:
-            self._depth_gain = min(max(depth.gain, 0.5), 2.0)
 
     def figures(self) -> dict[str, float]:
         """Figures at a second."""

@@ -201,6 +201,12 @@ def test_a_wrong_key_is_told(shop: Shop) -> None:
     assert "which is not the trusted one" in shop.findings(9)[0]
 
 
+def test_a_whole_chain_by_another_key_is_one_line(shop: Shop) -> None:
+    make_key(shop.folder / "stranger")
+    (problem,) = read_chain(shop.chain_folder, [load_public(shop.folder / "stranger.pub")]).problems
+    assert problem.startswith(f"{shop.chain_folder}: weld 1 and those after it, to 4: signed by key SHA256:")
+
+
 def test_a_weld_is_attested_once(shop: Shop) -> None:
     with pytest.raises(BagError, match=r"is in .*chain already, as weld 2 \(weld_2\)"):
         shop.attest(2)

@@ -11,7 +11,7 @@ import pytest
 from fsw_analysis.weld_signals import WeldEvent
 from fsw_quality.comparison import MOST, accepted_before, compare
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import BagFile, Record, assemble, times_of_control, told_deviations
+from fsw_quality.record import BagFile, Record, assemble, times_of_control, told_by_watch
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.interface_text import interface_definition, interface_hash
@@ -97,8 +97,9 @@ def test_times_of_control(actions: list[tuple[float, str, str]], expected: list[
 
 
 @pytest.mark.parametrize(("home", "neighbour"), [("", "/cell2"), ("/cell1", "/cell2"), ("/cell1", "/hall/cell1")])
-def test_told_deviations_are_on_record_once_each(tmp_path: Path, home: str, neighbour: str) -> None:
+def test_what_the_watch_tells_is_on_record_once_each(tmp_path: Path, home: str, neighbour: str) -> None:
     """Diagnostics come every second; what changes is an event, at the weld's time. Another weld's do not count."""
+    identity = {"procedure": "p", "revision": "B", "SHA-256": "ab" * 32}
     types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
     weld = replace(good_weld(), namespace=home)
     with BagWriter(tmp_path / "bag") as writer:
@@ -109,11 +110,14 @@ def test_told_deviations_are_on_record_once_each(tmp_path: Path, home: str, neig
             for cell, told in ((neighbour, f"of the other weld: {tick}"), (home, text)):
                 name = f"{cell}/fsw_procedure: deviations".removeprefix("/")
                 status = {"name": name, "message": told, "level": 2 * (told != "no deviation")}
+                if cell == home and tick > 1:
+                    status["values"] = [{"key": key, "value": value} for key, value in identity.items()]
                 values = {"header": {"stamp": stamp}, "status": [{"name": "other", "message": "x"}, status]}
                 writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
     with BagReader(tmp_path / "bag") as reader:
-        found = told_deviations(reader, weld)
+        found = told_by_watch(reader, weld)
     assert [(round(one.time_s, 6), one.kind, one.text) for one in found] == [
+        (2.1, "procedure", f"p revision B, SHA-256 {'ab' * 32}"),
         (2.1, "deviation", "mode manual"),
         (4.1, "deviation", "no deviation"),
     ]

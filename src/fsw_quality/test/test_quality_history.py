@@ -123,6 +123,20 @@ def test_a_tool_that_wears_has_a_life_whose_interval_holds_the_true_one() -> Non
     assert control_charts.trend(torque[:4], 50.0) is None
 
 
+def test_an_alarm_that_many_welds_have_is_one_line(tmp_path: Path) -> None:
+    made = rows(30)
+    for at in range(5, 25):
+        made[at] |= {"alarm_kinds": "lag_force", "alarm_texts": f"{2600 + at} s: 1.{at} s late", "alarms": 1}
+    made[7]["alarm_texts"] += "\n90 s: the torque sensor drifts"
+    history.add(tmp_path, made)
+    table = history.load(tmp_path)
+    said = [one for one in history_report.remarks(table, {}) if "alarm" in one[1]]
+    assert said == [
+        ("W00005", "alarm in 20 welds, the last is W00024; here at 2605 s: 1.5 s late"),
+        ("W00007", "alarm at 90 s: the torque sensor drifts"),
+    ]
+
+
 def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     made = rows(40)
     made[25] |= {"swaps": 1, "controllers": "decentral, nmpc", "operators": "Ada", "operator_actions": 1}
@@ -132,5 +146,5 @@ def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     for weld, words in (("W00025", "1 swap"), ("W00025", "operator acted: Ada"), ("W00030", "verdict review")):
         assert any(one == weld and words in what for one, what in said)
-    assert any("cusum chart of torque at equal conditions" in what for _, what in said)
+    assert any("CUSUM chart of torque at equal conditions" in what for _, what in said)
     assert "&lt;it&gt; drifts" in text and "worn (50 N·m more) after" in text and "data:image/png;base64" in text

@@ -172,10 +172,68 @@ def test_every_figure_has_a_cause_in_words(process: str) -> None:
     assert limits.known_heat == any(name.endswith("heat") for name in limits.limits)
 
 
+def test_a_gain_is_not_told_while_a_sensor_is_noisy() -> None:
+    limits = load_limits()["paper"]
+    figures = {name: 1.5 * limits.limits[name] for name in ("gain_depth", "noise_grown_depth")}
+    words = {"depth_gain": 1.2, "depth_error": 0.02}
+    assert [one.kind for one in diagnose(figures, limits, dict.fromkeys(figures, True), words)] == ["noise_grown_depth"]
+    active = {"gain_depth": True, "noise_grown_depth": False}
+    assert [one.kind for one in diagnose(figures, limits, active, words)] == ["gain_depth"]
+
+
 @pytest.mark.parametrize("process", PROCESSES)
 def test_an_edge_of_the_workpiece_is_no_change_of_the_process(process: str) -> None:
     edge = [one._replace(depth_mm=one.depth_mm + 0.03 * (one.time_s > 150.0)) for one in GOOD]
     assert told(edge, process).keys() <= {"poor_control_depth", "poor_control_temperature"}
+
+
+def largest(weld: Iterable[Sample], figure: str) -> float:
+    """Largest value of a figure, as a share of its limit on a canister."""
+    monitor, found = Monitor("canister"), 0.0
+    for one in weld:
+        monitor.step(one)
+        found = max(found, monitor.figures.get(figure, 0.0))
+    return found / load_limits()["canister"].limits[figure]
+
+
+def test_an_edge_is_no_change_of_the_torque_at_the_same_depth() -> None:
+    """The edge of 0.05 mm between lid and canister moves what depth is measured from: 6 N m of the model's torque."""
+    assert (
+        largest([one._replace(depth_mm=one.depth_mm + 0.05 * (one.time_s > 150.0)) for one in GOOD], "drift_torque")
+        < 0.6
+    )
+    # a depth that is really another changes the torque, and the model knows how much: spikes and noise are no edges
+    noise = np.random.default_rng(6).normal(0.0, 0.006, len(GOOD))
+    assert largest([one._replace(depth_mm=one.depth_mm + noise[k]) for k, one in enumerate(GOOD)], "drift_torque") < 0.6
+
+
+def test_a_torque_that_swings_or_is_off_throughout_does_not_drift() -> None:
+    swinging = [one._replace(torque_nm=one.torque_nm + 5.0 * np.sin(one.time_s * 2 * np.pi / 60.0)) for one in GOOD]
+    assert largest(swinging, "drift_torque") < 0.9
+    assert largest(samples(sliding_friction=1.05, sticking_stress_pa=1.05), "drift_torque") < 0.6
+
+
+def test_a_gain_of_the_depth_unlike_the_model_is_no_drift() -> None:
+    """Set-points move the depth while the monitor learns what is normal, and later."""
+    for gain in (0.95, 1.05):
+        assert largest(samples(depth_gain_mm_per_kn_s=gain), "drift_depth") < 0.6
+
+
+def test_after_a_step_a_gain_is_judged_and_not_the_colour_of_its_error() -> None:
+    monitor, step_s = Monitor(), 200.0
+    for one in samples(thermal_gain_c_per_kw=1.04):
+        monitor.step(one._replace(reference_temperature_c=816.4 + (one.time_s > step_s)))
+        if 120.0 < one.time_s < step_s or step_s + 65.0 < one.time_s:
+            assert "innovation_colour_heat" in monitor.figures
+        if step_s + 2.5 < one.time_s < step_s + 60.0:
+            assert "innovation_colour_heat" not in monitor.figures and "innovation_size_heat" in monitor.figures
+
+
+def test_the_begin_of_a_weld_is_no_gain_of_the_torque() -> None:
+    monitor = Monitor()
+    for one in GOOD[:600]:
+        monitor.step(one._replace(torque_nm=one.torque_nm * (1.12 if one.time_s < 8.0 else 1.0)))
+        assert monitor.figures.get("gain_torque", 0.0) < 2.0
 
 
 def test_an_offset_of_the_load_cell_is_no_stiction() -> None:

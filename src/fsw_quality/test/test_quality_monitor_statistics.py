@@ -8,6 +8,7 @@ import pytest
 from fsw_quality.monitor_statistics import (
     Window,
     best_delay,
+    gain_beside_slope,
     harris_index,
     ljung_box,
     noise_sigma,
@@ -38,6 +39,16 @@ def test_a_step_is_no_slope() -> None:
     values = np.where(np.arange(60) > 30, 5.0, 0.0)
     assert robust_slope(values, 1.0, 15) == 0.0
     assert robust_slope(0.2 * np.arange(60), 0.5, 15) == pytest.approx(0.4)
+
+
+def test_a_gain_is_found_beside_a_slope_and_is_the_known_one_where_nothing_tells_it() -> None:
+    time, pulse = np.arange(75.0), np.where(np.arange(75) > 40, 0.2, 0.0)
+    values = 1.1 * pulse + 2e-4 * time + 5.0
+    assert gain_beside_slope(values, pulse, 1.0, 0.05, 0.001) == pytest.approx(1.1, abs=0.01)
+    # a cause at rest, and one that moves like a slope
+    assert gain_beside_slope(values, 0.0 * pulse, 0.95, 0.05, 0.001) == 0.95
+    assert gain_beside_slope(2e-4 * time, 1e-4 * time, 1.0, 0.05, 0.001) == pytest.approx(1.0, abs=1e-6)
+    assert gain_beside_slope(values[:2], pulse[:2], 0.9, 0.05, 0.001) == 0.9
 
 
 def test_white_noise_is_white_and_what_follows_itself_is_not() -> None:

@@ -71,6 +71,8 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
         before = cell.text
         cell.controller.set_parameters([Parameter("gain", value=3.0)])
         cell.until(lambda: cell.text != before and "decentral has parameters" in cell.text, "the changed tuning")
+        nodes = ("/fsw_decentral", "/cell2/fsw_decentral", "/fsw/decentral", "/decentral")
+        assert [node for node in nodes if cell.node._is_of_this_weld(node)] == ["/fsw_decentral"]
     finally:
         cell.close()
 

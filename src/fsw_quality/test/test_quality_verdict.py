@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
 from fsw_quality.course import course_of
 from fsw_quality.procedure import Procedure, digest
-from fsw_quality.record import Record, assemble
+from fsw_quality.record import Record, assemble, attached_procedures, procedure_words
 from fsw_quality.verdict import Verdict
 from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
 
@@ -172,6 +172,8 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
         weld.events.insert(0, WeldEvent(0.5, "swap", "nmpc commands (failover: decentral is late)"))
     elif name == "mode":
         weld.actual_mode[10:12] = "hold"
+    elif name == "procedure":
+        weld.events.insert(0, WeldEvent(0.1, "procedure", f"p revision B, SHA-256 {'ab' * 32}"))
     elif name == "interlocks":
         weld.events.insert(0, WeldEvent(0.5, "interlock", "interlock torque_high:trip"))
     elif name == "complete":
@@ -183,7 +185,10 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
 
 @pytest.mark.parametrize(
     "rule",
-    ["set-point", "quality", "recording", "sensor", "controller", "tuning", "swaps", "mode", "interlocks", "complete"],
+    [
+        *("set-point", "quality", "recording", "sensor", "controller", "tuning", "swaps", "mode", "interlocks"),
+        *("complete", "procedure"),
+    ],
 )
 def test_each_rule_alone_decides(rule: str) -> None:
     weld, changes, custom = broken(rule)
@@ -191,6 +196,29 @@ def test_each_rule_alone_decides(rule: str) -> None:
     assert {one.name for one in record.rules if one.verdict is not Verdict.ACCEPT} == {rule}
     assert record.deciding.name == rule
     assert record.verdict is (Verdict.REJECT if rule == "complete" else Verdict.REVIEW)
+
+
+def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknown_procedure_is_told() -> None:
+    weld, wanted = good_weld(), PROCEDURE.identity
+    assert any("by which procedure the weld ran" in one for one in judged(weld).cannot_say)
+    words = procedure_words({"procedure": wanted.id, "revision": wanted.revision, "SHA-256": wanted.sha256})
+    weld.events.insert(0, WeldEvent(0.1, "procedure", words))
+    record = judged(weld)
+    rule = next(one for one in record.rules if one.name == "procedure")
+    assert record.verdict is Verdict.ACCEPT and not any("by which procedure" in one for one in record.cannot_say)
+    assert f"{wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…" == rule.figure in rule.words
+
+
+def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> None:
+    weld = good_weld()
+    text = yaml.safe_dump(PROCEDURE.model_dump(mode="json", exclude_none=True))
+    weld.attachments |= {
+        "mine.yaml": text.encode(),
+        "x.yaml": b"a: fsw_weld_procedure",
+        "broken.yaml": b"[fsw_weld_procedure",
+    }
+    (event,) = attached_procedures(weld)
+    assert event.kind == "procedure" and event.text.endswith(PROCEDURE.sha256) and event.time_s == weld.time_s[0]
 
 
 def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:

@@ -18,7 +18,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from fsw_recorder.clock_source import ClockState
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, Buffer, frames
-from fsw_schema.models import InputError, Many, Model, json_content_of, validate
+from fsw_schema.models import Many, Model, json_content_of, validate
 
 MANIFEST_NAME = "manifest.json"
 #: stretches of a file in which no chunks are found
@@ -181,5 +181,5 @@ def read_manifest(folder: Path) -> Manifest | None:
         return None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    except (InputError, ValueError) as error:
+    except ValueError as error:
         raise BagError(str(error)) from None

@@ -1,4 +1,4 @@
-"""Collects the parameters of every node of the graph, without ever waiting for one."""
+"""Collects the parameters of the nodes of the graph, without ever waiting for one."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _TRIES = 30
 
 
 class ParameterSnapshots:
-    """Asks each node of the graph once for its parameters.
+    """Asks each node of the graph that is ``wanted``, by its full name, once for its parameters.
 
-    ``found`` is called with a node's full name and its parameters as the YAML of a ROS parameter file.
+    ``found`` is called with the full name and the parameters as the YAML of a ROS parameter file.
     """
 
-    def __init__(self, node: Node, found: Callable[[str, str], None]) -> None:
+    def __init__(self, node: Node, found: Callable[[str, str], None], wanted: Callable[[str], bool]) -> None:
         self._node = node
-        self._found = found
+        self._found, self._wanted = found, wanted
         self._waiting: dict[str, tuple[Any, Any, int]] = {}
         self._known = {node.get_fully_qualified_name()}
 
@@ -29,7 +29,7 @@ class ParameterSnapshots:
         """Ask nodes that are new, or that had no parameter services yet; to be called now and then."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full_name = f"{namespace.rstrip('/')}/{name}"
-            if full_name not in self._known:
+            if full_name not in self._known and self._wanted(full_name):
                 self._known.add(full_name)
                 lister = self._node.create_client(ListParameters, f"{full_name}/list_parameters")
                 getter = self._node.create_client(GetParameters, f"{full_name}/get_parameters")

@@ -109,7 +109,9 @@ class RecorderNode(ManagedNode):
     def _begin(self) -> None:
         values = self._values
         self._make_services()
-        self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
+        self._snapshots = None
+        if values["collect_parameters"]:
+            self._snapshots = ParameterSnapshots(self, self._attach_parameters, self._selection.takes_node)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
         self.create_timer(_REPORT_PERIOD_S, self._report, clock=steady)

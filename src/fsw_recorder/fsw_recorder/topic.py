@@ -89,6 +89,11 @@ class TopicSelection:
         home = self.namespace.rstrip("/")
         return topic.count("/") == 1 or (topic.startswith(f"{home}/") and not self.other_weld(topic))
 
+    def takes_node(self, name: str) -> bool:
+        """Whether the parameters of the node with this full name belong to the bag."""
+        shared_or_near = name.count("/") == 1 or name.startswith(f"{self.namespace.rstrip('/')}/")
+        return shared_or_near and "/_" not in name and not self.other_weld(f"{name}/")
+
     def other_weld(self, topic: str) -> str:
         """Namespace of the topic's weld, if that is another one than the node's; else empty."""
         weld = _WELD.match(topic)

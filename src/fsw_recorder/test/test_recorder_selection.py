@@ -111,6 +111,27 @@ def test_a_recorder_leaves_the_welds_of_other_namespaces_alone(selection: TopicS
     assert {name for name in WELDS if selection.takes(name)} == taken
 
 
+@pytest.mark.parametrize(
+    ("namespace", "taken"),
+    [
+        ("/cell1", {"/cell1/fsw_plant", "/cell1/camera", "/robot"}),
+        ("/", {"/fsw_plant", "/robot", "/cell1/camera"}),
+        ("", {"/cell1/fsw_plant", "/cell1/camera", "/cell2/fsw_plant", "/fsw_plant", "/robot"}),
+    ],
+)
+def test_parameters_are_those_of_the_weld_and_of_what_all_share(namespace: str, taken: set[str]) -> None:
+    nodes = {
+        "/cell1/fsw_plant",
+        "/cell1/camera",
+        "/cell2/fsw_plant",
+        "/fsw_plant",
+        "/robot",
+        "/_ros2cli_1",
+        "/a/_hidden",
+    }
+    assert {name for name in nodes if TopicSelection(namespace=namespace).takes_node(name)} == taken
+
+
 def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
     repeats = Repeats(kept=2)
     assert [repeats.seen(1, b"a"), repeats.seen(1, b"b"), repeats.seen(1, b"a"), repeats.seen(2, b"a")] == [

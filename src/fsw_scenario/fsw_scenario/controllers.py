@@ -12,7 +12,7 @@ from runpy import run_path
 from typing import Any
 
 from fsw_control.contract import Controller
-from fsw_control.parameters import ParameterError, Source, load_source, validate
+from fsw_control.parameters import Source, load_source, validate
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
@@ -80,7 +80,7 @@ def _class_at(place: str) -> Any:
 
 
 def _words(error: Exception) -> str:
-    return str(error) if isinstance(error, ParameterError | ValueError) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
 
 
 def described_in(label: str) -> Source:

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
 from rclpy.node import Node
 from rclpy.task import Future
 
-from fsw_control import units
-from fsw_msgs.srv import SetDisturbance, SetFault
-from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 from fsw_plant.events import Disturbance, PlantEvent
+from fsw_plant.requests_ros import SERVICES, event_request
 from fsw_scenario.scenario import Scenario, tick_of
-
-#: by whether the event is a disturbance; else a fault
-_SERVICES: dict[bool, tuple[Any, str]] = {
-    True: (SetDisturbance, "fsw/plant/set_disturbance"),
-    False: (SetFault, "fsw/plant/set_fault"),
-}
 
 
 def emulator_listens(node: Node) -> bool:
     """Whether the plant in a node's namespace is the emulator."""
-    name = node.resolve_service_name(_SERVICES[True][1])
+    name = node.resolve_service_name(SERVICES[True][1])
     return any(found == name for found, _ in node.get_service_names_and_types())
 
 
@@ -36,7 +27,7 @@ class EmulatorEvents:
         self._coming = deque(
             sorted(((tick_of(one.at_s), one) for one in found if one is not None), key=lambda pair: pair[0])
         )
-        self._clients = {kind: node.create_client(*service) for kind, service in _SERVICES.items()}
+        self._clients = {kind: node.create_client(*service) for kind, service in SERVICES.items()}
 
     def send_until(self, tick: int) -> None:
         """Ask for all events up to a tick."""
@@ -54,26 +45,9 @@ class EmulatorEvents:
             if answer is not None and not answer.ok:
                 self._node.get_logger().error(f"{event}: {answer.message}")
 
-        client.call_async(_request(event)).add_done_callback(on_answer)
+        client.call_async(event_request(event)).add_done_callback(on_answer)
 
     def destroy(self) -> None:
         """Leave the graph."""
         for client in self._clients.values():
             self._node.destroy_client(client)
-
-
-def _request(event: PlantEvent) -> Any:
-    if isinstance(event, Disturbance):
-        return SetDisturbance.Request(
-            channel=event.target,
-            shape=event.kind,
-            amplitude=units.to_si(event.amount, amplitude_unit(event.target)),
-            duration=event.duration_s,
-            period=event.period_s,
-        )
-    return SetFault.Request(
-        sensor=event.target,
-        kind=event.kind,
-        magnitude=units.to_si(event.amount, magnitude_unit(event.target, event.kind)),
-        duration=event.duration_s,
-    )

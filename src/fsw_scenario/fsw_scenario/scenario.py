@@ -10,7 +10,6 @@ from pydantic import Field, field_validator, model_validator
 
 from fsw_control import weld
 from fsw_control.contract import Reference
-from fsw_control.parameters import ParameterError
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
@@ -21,7 +20,7 @@ from fsw_plant.schedule import EventEntry
 from fsw_plant.tool_path import Waypoint, check_order
 from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
 from fsw_scenario.weld_programme_file import joined, set_points, tool_path
-from fsw_schema.models import Many, Model, Name, needs_one, problem, without_default
+from fsw_schema.models import InputError, Many, Model, Name, needs_one, problem, without_default
 from fsw_schema.ranges import Range
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
@@ -133,7 +132,7 @@ class Scenario(Model):
     def _check_plant(cls, values: dict[str, Any]) -> dict[str, Any]:
         try:
             PlantConfig.from_values(values)
-        except ParameterError as error:
+        except InputError as error:
             raise ValueError(f"is wrong: {error}") from None
         return flatten(values)
 

@@ -128,6 +128,9 @@ class ScenarioNode(Node):
         """End; a scenario that was not played to its end is reported."""
         if self.weld is not None or (self._own is not None and self._ended is None):
             print("scenario: stopped before the end of the scenario", file=sys.stderr)
+        self._server.destroy()  # rclpy leaves actions to their owner, and a node lives as long as they do
+        if self._client is not None:
+            self._client.destroy()
         super().destroy_node()
 
     # ---------------------------------------------------------------- the action

@@ -169,24 +169,20 @@ def sweep(
 
 def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
     """Draw the IAE of all other controllers over that of the conservative PI, per process."""
-    from matplotlib import rc_context  # takes a second to import
-    from matplotlib.figure import Figure
-
-    from fsw_analysis.figure_style import STYLE
+    from fsw_analysis.figure_style import sheet  # takes a second to import
 
     plants = [name for name, runs in data.items() if not failed(runs)]
     others = [label for label in next(iter(data.values())) if label != CONSERVATIVE]
-    with rc_context({**STYLE, "axes.grid": False}):
-        canvas = Figure(figsize=(11.0, 0.32 * len(plants) + 2.2), layout="constrained")
+    with sheet(11.0, 0.32 * len(plants) + 2.2, path) as canvas:
         axes = canvas.subplots(1, len(others), sharey=True)
         for axis, label in zip(axes, others, strict=True):
             table = np.array([[data[p][label][key] / data[p][CONSERVATIVE][key] for key in JUDGED] for p in plants])
+            axis.grid(visible=False)
             image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
             for (row, column), value in np.ndenumerate(table):
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
-            axis.set_title(f"{label}: IAE over {CONSERVATIVE}", fontsize=10.0)
-            axis.set_xticks(range(len(JUDGED)), [title.replace(", ", "\n") for title in JUDGED.values()])
+            axis.set_title(f"{label}: IAE\nover {CONSERVATIVE}", fontsize=9.0)
+            axis.set_xticks(range(len(JUDGED)), JUDGED.values(), rotation=30.0, ha="right", fontsize=8.0)
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])
-        canvas.savefig(path)

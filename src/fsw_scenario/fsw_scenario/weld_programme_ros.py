@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import nan, radians
+from math import radians
 
 from rclpy.node import Node
 from rclpy.service import Service
@@ -57,7 +57,7 @@ class SafeStop:
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():
-            request = SetMode.Request(mode=str(Mode.SAFE_STOP), axial_force=nan, spindle_speed=nan)
+            request = convert.mode_request(str(Mode.SAFE_STOP))
             self._asked = self._set_mode.call_async(request)
         elif self._asked is None:
             self._node.get_logger().error(

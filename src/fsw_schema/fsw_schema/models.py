@@ -32,6 +32,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
+from fsw_schema.errors import InputError as InputError
 from fsw_schema.ranges import Range
 from fsw_schema.yaml_text import load_yaml
 
@@ -59,10 +60,6 @@ Name = Annotated[str, Field(pattern=_NAME)]
 
 def _is_whole(value: Any) -> bool:
     return isinstance(value, float) and value.is_integer()
-
-
-class InputError(ValueError):
-    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed."""
 
 
 class Model(BaseModel):

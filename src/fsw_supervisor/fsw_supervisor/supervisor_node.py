@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 import uuid
-from collections.abc import Sequence
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -15,9 +14,7 @@ from std_msgs.msg import String
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
 from fsw_control.deadline_timer_ros import DeadlineTimer
-from fsw_control.node_arguments import NodeArguments
-from fsw_control.node_main_ros import run
-from fsw_control.parameters import load
+from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
 from fsw_control.reports_ros import DiagnosticsPublisher, log
@@ -222,11 +219,7 @@ class SupervisorNode(Node):
         self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run(
-        SupervisorNode, args, NodeArguments("fsw_supervisor", __doc__ or "", load("fsw_supervisor", "supervisor.yaml"))
-    )
+main = main_of(SupervisorNode, "fsw_supervisor", __doc__, ("fsw_supervisor", "supervisor.yaml"))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from fsw_control.contract import Command, Limits
-from fsw_control.parameters import ParameterError, defaults, load
+from fsw_control.parameters import defaults, load
+from fsw_schema.models import InputError
 from fsw_supervisor.arbiter import problem
 from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
@@ -35,7 +36,7 @@ def test_what_is_left_out_has_the_shipped_value():
     assert problem(values) is None
     shipped = ArbiterSettings.from_values(values)
     assert ArbiterSettings.from_values({"warm_ticks": 7}) == replace(shipped, warm_ticks=7)
-    with pytest.raises(ParameterError, match="warm"):
+    with pytest.raises(InputError, match="warm"):
         ArbiterSettings.from_values({"warm": 7})
 
 
@@ -71,7 +72,7 @@ def test_parameters_that_contradict_each_other_are_refused_in_words(changes, wor
     ],
 )
 def test_wrong_numbers_are_refused(name, value):
-    with pytest.raises(ParameterError, match=name):
+    with pytest.raises(InputError, match=name):
         load("fsw_supervisor", "supervisor.yaml")[name].check(value)
 
 

@@ -107,6 +107,13 @@ def test_the_best_of_a_canister_has_the_smallest_error_of_the_whole_weld_and_slo
     assert found["best"] == {name: {names[0]: 0.5, names[1]: 0.5}.get(name, 0.0) for name in names}
 
 
+def test_a_controller_that_has_welded_nothing_has_no_column():
+    names = [name for name in report.CONTROLLERS if name != "nmpc:paper"]
+    found = report.summary([made(0, name, True) for name in names])
+    for table in (report.shares(found), report.figures(found, "joint_line")):
+        assert table[0][1:] == [f"`{name}`" for name in names] and not any("-" in row for row in table)
+
+
 def test_rows_of_several_versions_are_refused(tmp_path):
     file = tmp_path / "welds_0.jsonl"
     file.write_text("".join(json.dumps({"software": one}) + "\n" for one in ("old", "new")))

@@ -105,7 +105,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   }
   if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0) return 0;
   if (t->heat_sigmas > 0.0 && !(t->walk[FSW_THERMAL_GAIN] > 0.0)) return 0; /* with a wrong gain the loop would swing */
-  if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED) return 0;
+  if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
   if (t->quality_temp_c[0] > t->quality_temp_c[1]) return 0;
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;

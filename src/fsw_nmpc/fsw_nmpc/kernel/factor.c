@@ -23,7 +23,8 @@ static void accumulate(const fsw_workspace *w, int begin, int end, int j, int l,
   }
 }
 
-static void assemble(fsw_workspace *w) {
+/* sum of pivot a a' over all rows */
+static void sum_rows(fsw_workspace *w) {
   const int nv = w->nv;
   for (int r = 0; r < w->n_rows; r++) {
     const double *restrict a = w->by[w->row[r]];
@@ -42,6 +43,20 @@ static void assemble(fsw_workspace *w) {
         for (int q = 0; q < FSW_PAD; q++) w->scratch.matrices.factor[j + i][l + q] = acc[i][q];
     }
   }
+}
+
+static void copy(double (*restrict to)[FSW_STRIDE], double (*restrict from)[FSW_STRIDE], int n) {
+  for (int j = 0; j < n; j++)
+    for (int l = j / FSW_PAD * FSW_PAD; l < n; l++) to[j][l] = from[j][l];
+}
+
+/* Rows without a soft side have the same pivots in all iterations of a solve: then their sum, the most of the work, is
+ * kept where the weighted rows were, which are no longer needed. */
+static void assemble(fsw_workspace *w, int again) {
+  const int nv = w->nv, stays = w->n_soft_rows == 0;
+  if (again && stays) copy(w->scratch.matrices.factor, w->scratch.matrices.weighted, nv);
+  else sum_rows(w);
+  if (!again && stays) copy(w->scratch.matrices.weighted, w->scratch.matrices.factor, nv);
   /* inputs at the ends of the blocks: moves of the same input add up */
   const double *input_above = w->hard.pivot + 2 * nv, *input_below = w->hard.pivot + 3 * nv;
   double sum[2] = {0.0, 0.0}, ends[2][FSW_MAX_VARS];
@@ -93,9 +108,9 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   return FSW_OK;
 }
 
-/* diagonal + sum of pivot a a' over all rows, factored into the workspace. */
-int fsw_factorise(fsw_workspace *w) {
-  assemble(w);
+/* diagonal + sum of pivot a a' over all rows, factored into the workspace; `again`: not the first time in a solve. */
+int fsw_factorise(fsw_workspace *w, int again) {
+  assemble(w, again);
   return cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);
 }
 

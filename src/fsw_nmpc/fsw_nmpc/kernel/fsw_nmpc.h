@@ -76,7 +76,7 @@ typedef struct {
 } fsw_nmpc_model;
 
 /* Reference trajectories, see trajectory.c. */
-typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED } fsw_trajectory;
+typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED, FSW_RECENTRED_AHEAD } fsw_trajectory;
 
 /* Which set-point the approach keeps where the inputs' bounds do not permit both. */
 typedef enum { FSW_KEEP_DEPTH, FSW_KEEP_BALANCE, FSW_KEEP_TEMPERATURE } fsw_priority;

@@ -34,7 +34,7 @@ void fsw_row_products(const fsw_workspace *w, const double *z, double *value, do
 void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *out);
 
 /* factor.c */
-int fsw_factorise(fsw_workspace *w);
+int fsw_factorise(fsw_workspace *w, int again);
 void fsw_substitute(const fsw_workspace *w, double *x);
 
 #endif

@@ -322,7 +322,7 @@ int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth,
       break;
     }
     if (n >= t->max_iterations) break;
-    if (fsw_factorise(w) != FSW_OK) { status = FSW_NOT_FINITE; break; }
+    if (fsw_factorise(w, n > 0) != FSW_OK) { status = FSW_NOT_FINITE; break; }
     double reached;
     const double ahead = direction(w, 0.0, 0.0, &reached);
     const double ratio = reached / gap, wanted = ratio * ratio * ratio * gap, least = LEAST_SHARE * loss;

@@ -10,7 +10,8 @@
  *
  * The paper's corridors (32), (33) are of first order. The text does not say where they start in each cycle; its tool
  * offers FSW_CONSTANT (at the set-point), FSW_COLD_START (at the output once, then on by themselves) and FSW_RECENTRED
- * (at the output in every cycle). */
+ * (at the output in every cycle). FSW_RECENTRED_AHEAD is ours: that of the temperature starts one dead time ahead, at what
+ * is predicted for then. */
 #include <math.h>
 
 #include "internal.h"
@@ -313,14 +314,14 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
 }
 
-/* Centre of the corridor of output q, now and over the horizon. */
-static void corridor(fsw_nmpc *c, int q, double output, double *path) {
+/* Centre of the corridor of output q over the horizon; `output` is that at `begin_s`, where it starts if recentred. */
+static void corridor(fsw_nmpc *c, int q, double begin_s, double output, double *path) {
   const fsw_nmpc_tuning *t = &c->tuning;
   const double goal = c->reference[q];
   if (t->trajectory == FSW_CONSTANT) c->corridor[q] = goal;
-  else if (t->trajectory == FSW_RECENTRED || !c->has_corridor) c->corridor[q] = output;
+  else if (t->trajectory >= FSW_RECENTRED || !c->has_corridor) c->corridor[q] = output;
   else c->corridor[q] = goal + (c->corridor[q] - goal) * t->corridor_decay[q];
-  double left = c->corridor[q] - goal, now_s = 0.0;
+  double left = c->corridor[q] - goal, now_s = begin_s;
   for (int i = 0; i < c->model.n_out; i++) {
     for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) left *= t->corridor_decay[q];
     path[i] = goal + left;
@@ -334,9 +335,13 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
     approaches(c, in, path[0], path[1]);
   } else {
     const double *x = c->estimator.x;
+    double copper_c;
     for (int q = 0; q < 2; q++) c->attainable[q] = c->reference[q];
-    corridor(c, 0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
-    corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
+    corridor(c, 0, 0.0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
+    if (c->tuning.trajectory == FSW_RECENTRED_AHEAD)
+      corridor(c, 1, c->model.dead_time_s, temperature_ahead(c, &copper_c).output, path[1]);
+    else
+      corridor(c, 1, 0.0, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
     c->has_corridor = 1;
   }
   c->problem.window_low[0] = c->attainable[0] - c->tuning.quality_depth_mm;

@@ -1,0 +1,169 @@
+"""Gain and delay margin of each loop with the other one closed, found by simulation of small steps."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fsw_control.contract import Command, Controller
+from fsw_model import STEP_S, ModelParameters, nominal
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make, name_of
+from fsw_scenario.identification_design import plant_factors
+from fsw_scenario.scenario_file import parse
+from fsw_scenario.standard_cases import DEFAULT
+
+#: steps of both set-points so small that the loop is linear
+_SMALL_STEPS = """
+name: small_steps
+duration_s: 220.0
+events:
+  - {at_s: 2.0, reference: {depth_mm: 2.67}}
+  - {at_s: 4.0, reference: {temperature_c: 816.9}}
+"""
+#: ticks of the two ends of a weld that are compared
+_PART = 600
+#: dead time that the model takes at most
+_LONGEST_S = 10.0
+LARGEST_GAIN = 8.0
+#: factors that are tried to match margins (chosen)
+_SLOWER = tuple(1.12**k for k in range(14))
+#: factor to which a gain margin is found
+GAIN_ACCURACY = 1.02
+
+
+class _LateForce:
+    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
+
+    def __init__(self, plant: Any, ticks: int) -> None:
+        self._plant = plant
+        self._under_way = deque([plant.applied.force_kn] * ticks)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
+
+    def apply(self, command: Command, stamp_ns: int, source: str) -> None:
+        self._under_way.append(command.force_kn)
+        self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
+
+
+@dataclass(slots=True)
+class Loops:
+    """A controller, by label with its node's parameters, and the process whose margins are sought."""
+
+    label: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    process: ModelParameters = field(default_factory=nominal)
+    _controller: Controller = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._controller = make(self.label, dict(self.parameters))
+
+    def is_stable(self, force_ticks: int = 0, **factors: float) -> bool:
+        """Whether small steps of both set-points die out, without noise.
+
+        What swings by ten times the step and more does not die out, even if the bounds of the drives make it smaller.
+
+        Parameters
+        ----------
+        force_ticks : int
+            By which the force is late.
+        **factors : float
+            On parameters of the process.
+        """
+        plant = plant_factors(self.process.scaled(**factors))
+        overrides = [f"controller={name_of(self.label)}", "plant.noise=false"]
+        overrides += [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
+        loop = ClosedLoop(parse(_SMALL_STEPS, "small_steps", overrides), {name_of(self.label): self._controller})
+        loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
+        truth = loop.run().truth
+        assert truth is not None  # a simulation has it
+        if loop.plant.stopped:
+            return False
+        for value, floor, most in ((truth.depth_mm, 1e-4, 0.1), (truth.temperature_c, 1e-2, 5.0)):
+            earlier, later = np.ptp(value[-2 * _PART : -_PART]), np.ptp(value[-_PART:])
+            if later > min(max(0.9 * earlier, floor), most):
+                return False
+        return True
+
+    def with_delay(self, more_s: float) -> bool:
+        """Whether the loops are stable when the dead time of the temperature is longer."""
+        return self.is_stable(dead_time_s=(self.process.dead_time_s + more_s) / self.process.dead_time_s)
+
+    def has(self, gain: float, delay_s: float) -> bool:
+        """Whether the loop of the temperature has at least these margins."""
+        return self.is_stable(thermal_gain_c_per_kw=min(gain, LARGEST_GAIN)) and self.with_delay(delay_s)
+
+    def temperature(self) -> dict[str, float]:
+        """Margins of the temperature's loop: factor on the gain, inf beyond 8, and delay."""
+        longest = _longest_ticks(self.process)
+        delay = largest_delay(lambda ticks: self.with_delay(STEP_S * ticks), longest)
+        gain = largest_gain(lambda gain: self.is_stable(thermal_gain_c_per_kw=gain))
+        return {"temperature_gain": gain, "temperature_delay_s": STEP_S * delay}
+
+    def margins(self) -> dict[str, float]:
+        """Margins of both loops."""
+        delay = largest_delay(self.is_stable, _longest_ticks(self.process))
+        gain = largest_gain(lambda gain: self.is_stable(depth_gain_mm_per_kn_s=gain))
+        return {"depth_gain": gain, "depth_delay_s": STEP_S * delay, **self.temperature()}
+
+
+def texts(margins: Mapping[str, float], process: ModelParameters | None = None) -> dict[str, str]:
+    """Margins as texts; the model takes dead times up to 10 s, so that larger margins are not told apart."""
+    longest_s = STEP_S * _longest_ticks(process or nominal())
+    found = {}
+    for name, margin in margins.items():
+        if name.endswith("_gain"):
+            found[name] = f"> {LARGEST_GAIN:g}" if math.isinf(margin) else f"{margin:.2g}"
+        else:
+            found[name] = f"{'≥ ' if margin > longest_s - 0.5 * STEP_S else ''}{margin:.1f} s"
+    return found
+
+
+def _longest_ticks(process: ModelParameters) -> int:
+    """Delay, in ticks, up to which the margin of a loop is sought."""
+    return math.floor((_LONGEST_S - process.dead_time_s) / STEP_S + 1e-9)
+
+
+def slower_for(
+    least: Mapping[str, float], parameters: Mapping[str, Any] | None = None, process: ModelParameters | None = None
+) -> float:
+    """Factor on the time constant of the NMPC's temperature at which its margins are at least these.
+
+    Or the largest factor that is tried; whether it is enough is for the caller to measure.
+    """
+    for slower in _SLOWER:
+        own = {**(parameters or {}), "temperature_aggressiveness": 1.0 / slower}
+        if Loops(DEFAULT, own, process or nominal()).has(least["temperature_gain"], least["temperature_delay_s"]):
+            break
+    return slower
+
+
+def largest_gain(stable: Callable[[float], bool]) -> float:
+    """Largest factor on a gain at which the loop is stable, to 2 %; inf beyond 8."""
+    if stable(LARGEST_GAIN):
+        return math.inf
+    low, high = 1.0, LARGEST_GAIN
+    while high > GAIN_ACCURACY * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def largest_delay(stable: Callable[[int], bool], longest: int) -> int:
+    """Largest number of ticks, up to ``longest``, at which ``stable`` holds."""
+    low, high = 0, 1
+    while stable(high):
+        if high == longest:
+            return high
+        low, high = high, min(2 * high, longest)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

@@ -1,0 +1,36 @@
+"""Gain and delay margins by simulation."""
+
+import math
+
+import pytest
+
+from fsw_model import nominal
+from fsw_scenario.margins import Loops, largest_delay, largest_gain
+
+
+def test_late_and_strong_processes_end_stability():
+    loops = Loops("decentral:conservative")
+    assert loops.is_stable()
+    assert not loops.is_stable(force_ticks=60)
+    assert not loops.is_stable(thermal_gain_c_per_kw=8.0)
+    tight = Loops("decentral:tight")
+    assert tight.with_delay(2.0) and not tight.with_delay(7.2)
+
+
+def test_the_process_is_that_of_the_model():
+    """Half of the model's gain leaves twice the margin."""
+    half = Loops("decentral:conservative", process=nominal().scaled(thermal_gain_c_per_kw=0.5))
+    assert half.is_stable(thermal_gain_c_per_kw=4.0)
+    assert not Loops("decentral:conservative").is_stable(thermal_gain_c_per_kw=4.0)
+
+
+@pytest.mark.parametrize("margin", [1.05, 2.7, 7.9])
+def test_the_largest_gain_is_found(margin):
+    assert margin / 1.02 <= largest_gain(lambda gain: gain <= margin) <= margin
+    assert largest_gain(lambda gain: True) == math.inf
+
+
+def test_the_largest_delay_is_found():
+    assert [largest_delay(lambda ticks, most=most: ticks <= most, 72) for most in (0, 1, 5, 57, 72, 99)] == [
+        0, 1, 5, 57, 72, 72,
+    ]  # fmt: skip
