@@ -41,7 +41,7 @@ from nmpc import make, problems_of_weld
 from report import Figures, parser, save, show
 
 from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import cumulation, input_bounds
+from fsw_test_support.nmpc_ipopt import cumulation, input_bounds, squares
 from fsw_test_support.nmpc_problems import predict, solve
 
 #: options of the solvers that differ from CasADi's; tolerances so that costs agree to SAME_COST
@@ -104,6 +104,7 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
     largest = np.outer(h.block_reach, list(t.move_max)).ravel()
     length = np.repeat(h.block_sizes, 2) * largest
     square = np.tile(list(t.move_square), h.n_blocks) * length * largest / np.repeat(h.block_reach, 2)
+    weighed = squares(problem, t)
     hessian, gradient, constant = np.diag(square + _LEAST_CURVATURE), np.zeros(n), 0.0
     rows, low, high, weight = [], [], [], []
     depth, temperature, by_depth, by_temperature = predict(library, KERNEL.ffi.addressof(problem, "start"), plan)
@@ -111,9 +112,9 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
         band = np.array([list(side[q][0 : h.n_out]) for side in (problem.low, problem.high)]) - (output - by @ plan)
         for i in np.flatnonzero((h.depth_width, h.temperature_width)[q] > 0):
             row, centre = by[i] * largest, band[:, i].mean()
-            hessian += t.square[q] * np.outer(row, row)
-            gradient -= t.square[q] * centre * row
-            constant += 0.5 * t.square[q] * centre**2
+            hessian += weighed[q] * np.outer(row, row)
+            gradient -= weighed[q] * centre * row
+            constant += 0.5 * weighed[q] * centre**2
             if t.weight[q] > 0.0:
                 rows.append(row)
                 low.append(band[0, i])

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, RIVALS, SEED, ran
+from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, NOISE_SEEDS, NOISY_PLANTS, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import STYLE, colours_of
@@ -22,6 +22,8 @@ from fsw_scenario.standard_runs import JUDGED, Figures
 
 #: What must not be lost by adapting: a share of any figure.
 TOLERATED = 1.1
+#: A difference of two runs is beyond noise if it is more than so many of its standard deviations.
+BEYOND_NOISE = 2.0
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
 
@@ -69,9 +71,20 @@ def all_figures(plants: Plants) -> Rows:
     return rows
 
 
-def against(plants: Plants, rival: str, keys: Collection[str] = ()) -> Rows:
+def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
+    """On how many plants a figure is worse than tolerated, and by more than its noise.
+
+    ``sigma`` is the figure's standard deviation over seeds of the sensor noise, as a share of it: both runs have it.
+    """
+    r = ratio(plants, ADAPTIVE, [rival], key)
+    return int((r > max(TOLERATED, 1.0 + BEYOND_NOISE * 2.0**0.5 * sigma)).sum())
+
+
+def against(plants: Plants, rival: str, keys: Collection[str] = (), noise: Mapping[str, float] | None = None) -> Rows:
     """How the adapting controller's figures compare with another's, over the plants; ``keys``: only these."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
+    if noise:
+        rows[0] += ["noise, σ", "and beyond it"]
     for key, title in figures(plants).items():
         if keys and key not in keys:
             continue
@@ -80,7 +93,9 @@ def against(plants: Plants, rival: str, keys: Collection[str] = ()) -> Rows:
         runs = plants[int(r.argmax())]
         factor = ROWS[key.split()[1]][2]  # to the unit of the title
         there = f"{factor * runs[rival][key]:.3g} → {factor * runs[ADAPTIVE][key]:.3g}"
-        rows.append([title, *numbers, there, f"{(r > TOLERATED).sum()} of {len(r)}"])
+        rows.append([title, *numbers, there, f"{lost(plants, rival, key)} of {len(r)}"])
+        if noise:
+            rows[-1] += [f"{100.0 * noise[key]:.1f} %", f"{lost(plants, rival, key, noise[key])}"]
     return rows
 
 
@@ -125,7 +140,7 @@ def page(data: Mapping[str, Any]) -> str:
     swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
     tables = {
         "tight": shares(plants, [TIGHT]),
-        "adapting": against(plants, FIXED),
+        "adapting": against(plants, FIXED, noise=data["noise"]),
         "default": against(plants, DEFAULT, JUDGED),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
@@ -145,7 +160,10 @@ def page(data: Mapping[str, Any]) -> str:
             swings=swings,
             adaptive=ADAPTIVE,
             tolerated=TOLERATED,
-            lost=sum(int((ratio(plants, ADAPTIVE, [FIXED], key) > TOLERATED).sum()) for key in figures(plants)),
+            lost=sum(lost(plants, FIXED, key) for key in figures(plants)),
+            beyond=sum(lost(plants, FIXED, key, data["noise"][key]) for key in figures(plants)),
+            beyond_noise=BEYOND_NOISE,
+            noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS)),
             compared=len(plants) * len(figures(plants)),
         )
     )

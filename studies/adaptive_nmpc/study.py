@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +29,8 @@ COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)
 SEED = 31415
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
+#: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
+NOISY_PLANTS, NOISE_SEEDS = 5, (1, 2, 3, 4)
 _HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
 SATURATED = str(_HERE / "saturated.yaml")
@@ -36,8 +38,6 @@ SATURATED = str(_HERE / "saturated.yaml")
 RAMP, SINE, NOTHING = (str(_HERE / f"{name}.yaml") for name in ("ramp", "sine", "nothing"))
 #: Depth by which the tool itself jumps, and when; the torque feels it.
 FELT_MM, FELT_S = 0.1, 10.0
-#: A drift of the depth is believed sooner, for what that gains and costs.
-SOONER = f"{ADAPTIVE}, drift_sigmas 3"
 #: What the figure compares where the speed is at its bound.
 PRIORITIES = {
     TIGHT: (TIGHT, {}),
@@ -52,10 +52,7 @@ def controllers() -> Iterator[dict[str, tuple[str, dict[str, Any]]]]:
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "not_adapting.yaml"
         file.write_text("estimator: {thermal_gain_walk: 0.0, delay_walk_s: 0.0, heat_sigmas: 0.0}\n", encoding="utf-8")
-        sooner = Path(scratch) / "sooner.yaml"
-        sooner.write_text("estimator: {drift_sigmas: 3.0}\n", encoding="utf-8")
-        own = {FIXED: (ADAPTIVE, {"tuning_file": str(file)}), SOONER: (ADAPTIVE, {"tuning_file": str(sooner)})}
-        yield {name: (name, {}) for name in COLUMNS} | own
+        yield {name: (name, {}) for name in COLUMNS} | {FIXED: (ADAPTIVE, {"tuning_file": str(file)})}
 
 
 def random_plants(first: int, count: int) -> dict[str, dict[str, Figures]]:
@@ -83,6 +80,31 @@ def figures(runs: Mapping[str, Figures]) -> Figures:
             return {"error": run["error"]}
     found = {f"{case} {key}": run[key] for case, run in runs.items() for key in KPIS if run.get(key) is not None}
     return found | {"swings": any(run["swings"] for run in runs.values())}
+
+
+def noise() -> dict[str, float]:
+    """Standard deviation of every figure over seeds of the sensor noise, as a share of it, without adaptation."""
+    plants = random_factors(NOISY_PLANTS, seed=SEED)
+    with controllers() as made, ProgressBar("noise of the figures") as bar:
+        label, parameters = made[FIXED]
+        jobs = {
+            (i, seed, case): Job(label, case, True, {**plant, "seed": seed}, parameters)
+            for i, plant in enumerate(plants)
+            for seed in NOISE_SEEDS
+            for case in CASES
+        }
+        found = run_all(list(jobs.values()), bar)
+    of = [
+        [figures({case: found[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
+        for i in range(NOISY_PLANTS)
+    ]
+    return {key: _scatter([[run[key] for run in runs] for runs in of]) for key in of[0][0] if key != "swings"}
+
+
+def _scatter(values: Sequence[Sequence[float]]) -> float:
+    """Root mean square over plants (rows) of the standard deviation over the mean of their values."""
+    table = np.array(values)
+    return float(np.sqrt(np.mean((table.std(axis=1, ddof=1) / table.mean(axis=1)) ** 2)))
 
 
 def nominal() -> dict[str, dict[str, Any]]:
@@ -143,7 +165,7 @@ class _Struck:
 
 def drifts() -> dict[str, dict[str, list[float]]]:
     """Ramp and sine of the depth: IAE [mm s]; real jumps: peak of the temperature [degC]. Without and with noise."""
-    columns = (*RIVALS, DEFAULT, ADAPTIVE, SOONER)
+    columns = (*RIVALS, DEFAULT, ADAPTIVE)
     data: dict[str, dict[str, list[float]]] = {}
     with controllers() as made:
         for column in columns:

@@ -19,8 +19,8 @@ from fsw_schema.models import Model, content_of, problem, read_text, validate
 TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
 #: What the approach keeps where the inputs' bounds do not permit both set-points.
 PRIORITIES = tuple(priority.name.lower() for priority in Priority)
-#: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
-_APPROACH_PER_DEAD_TIME = 0.3
+#: By preset: the temperature's approach takes this share of the dead time. Margins of the loop scale with it.
+_APPROACH_PER_DEAD_TIME = {"default": 0.3, "adaptive": 0.36}
 #: Where an output may give way: share by which the depth waits for what the speed can compensate, by priority.
 _HELD_SHARE = {"depth": 0.0, "balance": 0.5, "temperature": 1.0}
 #: defaults of the node's parameters
@@ -53,8 +53,10 @@ class EstimatorTuning(Model):
     """of the rate of the depth's offset; 0: it does not move"""
     temperature_rate_walk_c_per_s: NonNegativeFloat = 2e-4
     """of the rate of the temperature's offset; 0: it does not move"""
-    rate_memory_s: NonNegativeFloat = 30.0
-    """time constant with which the two rates leak"""
+    depth_rate_memory_s: NonNegativeFloat = 30.0
+    """time constant with which the rate of the depth's offset leaks"""
+    temperature_rate_memory_s: NonNegativeFloat = 30.0
+    """time constant with which the rate of the temperature's offset leaks"""
     depth_gain_walk: NonNegativeFloat = 1e-4
     """of the factor on the model's gain of the depth over the force; 0: it stays 1"""
     thermal_gain_walk: NonNegativeFloat = 0.0
@@ -68,6 +70,13 @@ class EstimatorTuning(Model):
     heat_sigmas: NonNegativeFloat = 0.0
     """innovations of the temperature whose sum over about ten seconds is further off are heat that the model lacks;
     0: never"""
+
+    @model_validator(mode="after")
+    def _check_heat(self) -> EstimatorTuning:
+        if self.heat_sigmas > 0.0 and not self.thermal_gain_walk > 0.0:
+            text = "needs a thermal_gain_walk above 0: with a wrong gain the speed would swing; else set it to 0"
+            raise problem(text, "heat_sigmas")
+        return self
 
 
 class Tuning(Model):
@@ -149,8 +158,8 @@ class Tuning(Model):
         ValueError
             If there is no such preset.
         """
-        if name in ("default", "adaptive"):
-            time_s = max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S)
+        if name in _APPROACH_PER_DEAD_TIME:
+            time_s = max(_APPROACH_PER_DEAD_TIME[name] * parameters.dead_time_s, 2 * STEP_S)
             return (cls() if name == "default" else ADAPTIVE).changed(temperature_time_s=time_s)
         presets = {"paper": PAPER, "paper:offset_free": PAPER, "paper:letter": PAPER_LETTER}
         if name not in presets:
@@ -200,6 +209,7 @@ class Tuning(Model):
         """The tuning as the library takes it."""
         e = self.estimator
         times = (self.depth_time_s, self.temperature_time_s)
+        rate_memories_s = (e.depth_rate_memory_s, e.temperature_rate_memory_s)
         walk = [0.0] * len(State)  # of the states in the library's order; slow and tool do not walk by themselves
         walk[0], walk[2], walk[4:] = (
             e.creep_walk_mm,
@@ -243,7 +253,7 @@ class Tuning(Model):
             noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
             walk=tuple(walk),
             offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,
-            rate_keep=exp(-STEP_S / e.rate_memory_s) if e.rate_memory_s > 0.0 else 0.0,
+            rate_keep=tuple(exp(-STEP_S / s) if s > 0.0 else 0.0 for s in rate_memories_s),
             jump_sigmas=e.jump_sigmas,
             drift_sigmas=e.drift_sigmas,
             heat_sigmas=e.heat_sigmas,
@@ -281,7 +291,9 @@ ADAPTIVE = Tuning(
     yield_temperature_c=1.0,
     quality_weight_per_mm=1e5,
     quality_weight_per_c=5e3,
-    estimator=EstimatorTuning(thermal_gain_walk=1e-3, delay_walk_s=2e-3, heat_sigmas=5.0),
+    estimator=EstimatorTuning(
+        heat_walk_kw=2e-4, depth_rate_memory_s=300.0, thermal_gain_walk=1e-3, delay_walk_s=2e-3, heat_sigmas=5.0
+    ),
 )
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37); constant offsets
 PAPER = Tuning(

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from fsw_control import Reference
 from fsw_model import ProcessModel, nominal
@@ -137,6 +139,53 @@ def test_the_temperature_is_free_of_offset(gain, kw):
     assert 300.0 < min(speed) < max(speed) < 500.0
     assert np.abs(error[300:]).max() < 4.0
     assert abs(np.mean(error[900:])) < 0.2
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None)
+@given(st.lists(st.floats(-30.0, 30.0), min_size=5, max_size=5), st.integers(0, 2**31))
+def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, seed):
+    loop = Welding(noise=False)
+    noise_c = np.random.default_rng(seed).normal(0.0, 0.1, 20 * len(off_c))
+    for k, noise in enumerate(noise_c):
+        off = off_c[k // 20] + float(noise)
+        loop.run(0.1, HOTTER if k // 20 % 2 else TARGET, temperature_c=816.4 + off)
+    gain, delay = np.array(loop.found).T
+    assert np.abs(np.diff(gain)).max() <= 0.01 + 1e-12
+    assert gain.min() >= 0.5 and gain.max() <= 2.0 and np.abs(delay).max() <= 1.0
+
+
+@pytest.mark.slow
+def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(tmp_path):
+    """A deviation costs as much by the power that it lacks; else the peak would be a third higher."""
+    file = tmp_path / "fixed.yaml"
+    file.write_text("estimator: {thermal_gain_walk: 0, delay_walk_s: 0, heat_sigmas: 0}")
+
+    def peak(tuning_file):
+        loop = Welding(noise=False, thermal_gain_c_per_kw=0.75, sliding_friction=0.95)
+        loop.controller.configure({"tuning_file": tuning_file})
+        loop.run(25, HOTTER)
+        loop.run(40, HOTTER)
+        off = []
+        for _ in range(150):
+            loop.run(0.1, Reference(2.46, 826.4))
+            off.append(abs(loop.shown.temperature_c - 826.4))
+        return max(off)
+
+    assert peak("") < 1.1 * peak(str(file))
+
+
+@pytest.mark.slow
+def test_a_ramp_of_the_depth_is_followed_to_its_end():
+    """The rate does not leak away in the middle of a ramp; with a memory of 30 s the error grows to 3.6 um."""
+    loop = Welding(noise=False)
+    loop.run(10)
+    off = []
+    for tick in range(300):
+        shown = loop.measure().depth_mm + 0.1 * tick / 300
+        loop.run(0.1, depth_mm=shown)
+        off.append(shown - TARGET.depth_mm)
+    assert np.abs(off[100:]).max() < 2.5e-3
 
 
 def test_other_presets_learn_nothing():

@@ -155,7 +155,7 @@ def test_a_ramp_of_the_depth_sensor_is_followed(drift_sigmas):
 @pytest.mark.parametrize("heat_sigmas", [0.0, 3.5])
 def test_heat_that_the_model_lacks_is_heat(heat_sigmas):
     """2 kW less by and by in 50 s: without the test for lasting innovations most of it passes for an offset."""
-    watch = Watch(noise=True, tuning=Tuning(estimator=EstimatorTuning(heat_sigmas=heat_sigmas)))
+    watch = Watch(noise=True, tuning=Tuning(estimator=EstimatorTuning(heat_sigmas=heat_sigmas, thermal_gain_walk=1e-3)))
     watch.run(300)
     for tick in range(600):
         x = list(watch.state.x)

@@ -8,7 +8,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus
 from fsw_nmpc.tuning import ADAPTIVE, PAPER, PRIORITIES, Tuning
-from fsw_test_support.nmpc_ipopt import cumulation, input_bounds, objective
+from fsw_test_support.nmpc_ipopt import cumulation, input_bounds, objective, squares
 from fsw_test_support.nmpc_loop import Loop
 from fsw_test_support.nmpc_problems import LIMITS, predict, random_problem, solve
 
@@ -29,10 +29,11 @@ def yielding(problem, tuning, horizon, at, outputs):
             np.array(list(problem.high[q][0 : horizon.n_out])),
         )
         used = (horizon.depth_width, horizon.temperature_width)[q] > 0
-        if tuning.knee[q] > 0.0:
-            beyond = np.maximum(np.abs(output - low) - tuning.knee[q], 0.0)
-            bent = used & (np.abs(at[q] - low) > NEAR_KNEE * tuning.knee[q])
-            total -= float((0.5 * tuning.square[q] * beyond**2)[bent].sum())
+        knee = tuning.knee[q] * (min(problem.start.thermal_gain, 1.0) if q else 1.0)
+        if knee > 0.0:
+            beyond = np.maximum(np.abs(output - low) - knee, 0.0)
+            bent = used & (np.abs(at[q] - low) > NEAR_KNEE * knee)
+            total -= float((0.5 * squares(problem, tuning)[q] * beyond**2)[bent].sum())
         least, most = problem.window_low[q], problem.window_high[q]
         near = NEAR_LIMIT * (most - least)
         limited = used & block_ends & ((at[q] > most - near) | (at[q] < least + near))

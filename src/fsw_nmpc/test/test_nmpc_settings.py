@@ -37,6 +37,7 @@ def test_presets():
         assert Settings.of({"preset": name}).tuning == PAPER
     slower = nominal().changed(dead_time_s=4.0)
     assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
+    assert Tuning.preset("adaptive", slower).temperature_time_s == pytest.approx(0.36 * 4.0)
 
 
 def test_tuning_file_over_a_preset(tmp_path):
@@ -64,6 +65,7 @@ def test_tuning_file_over_a_preset(tmp_path):
         ("depth_time_s: 0.1", "an approach takes at least 0.2 s"),
         ("blocks: 21", "blocks is 21; one of 20 or 54"),
         ("trajectory: shortest", "one of approach, constant"),
+        ("estimator: {heat_sigmas: 5}", "estimator.heat_sigmas needs a thermal_gain_walk above 0"),
     ],
 )
 def test_wrong_tuning_files_are_one_clear_line(tmp_path, text, words):

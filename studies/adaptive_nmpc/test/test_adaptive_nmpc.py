@@ -24,6 +24,12 @@ def test_shares_and_ratios_are_those_of_the_plants():
     assert report.against(plants, study.FIXED)[1][1:] == ["1.95", "2.35", "2.40", "0.5 → 1.2", "2 of 2"]
 
 
+def test_a_figure_is_lost_beyond_its_noise():
+    plants, key = [runs(adaptive=1.05), runs(adaptive=1.2), runs(adaptive=1.4)], next(iter(JUDGED))
+    assert [report.lost(plants, study.FIXED, key, sigma) for sigma in (0.0, 0.1, 0.2)] == [2, 1, 0]
+    assert study._scatter([[1.0, 3.0], [10.0, 30.0]]) == pytest.approx(2.0**0.5 / 2.0)
+
+
 def test_all_figures_count_movement_against_the_tight_one_alone():
     key = "tracking total_variation_force_kn"
     plants = [{name: {key: 5.0} for name in study.COLUMNS} | {study.CONSERVATIVE: {key: 1.0}}]
@@ -72,8 +78,9 @@ def test_page_and_figure(tmp_path):
     data["drifts"] = {study.ADAPTIVE: drift}
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
+    data["noise"] = dict.fromkeys(JUDGED, 0.05)
     page = report.page(data)
-    assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2 |" in page
+    assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}

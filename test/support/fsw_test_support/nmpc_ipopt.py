@@ -31,6 +31,12 @@ def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, V
     return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
 
 
+def squares(problem: Any, tuning: Any) -> tuple[float, float]:
+    """Quadratic costs of depth and temperature: copper that heats less costs as much by the power that it lacks."""
+    less = min(problem.start.thermal_gain, 1.0)
+    return tuning.square[0], tuning.square[1] / (less * less)
+
+
 def objective(
     problem: Any,
     tuning: Any,
@@ -40,12 +46,12 @@ def objective(
     temperature_c: Vector,
 ) -> float:
     """Cost (28) of moves (2 n_blocks,) and the outputs (n_out,) that they lead to."""
-    total, n = 0.0, horizon.n_out
+    total, n, square = 0.0, horizon.n_out, squares(problem, tuning)
     for q, output in enumerate((depth_mm, temperature_c)):
         low, high = np.array(list(problem.low[q][0:n])), np.array(list(problem.high[q][0:n]))
         reached = (horizon.depth_width, horizon.temperature_width)[q] > 0
         outside = np.maximum(output - high, 0.0) + np.maximum(low - output, 0.0)
-        bent = 0.5 * tuning.square[q] * (output - 0.5 * (low + high)) ** 2
+        bent = 0.5 * square[q] * (output - 0.5 * (low + high)) ** 2
         total += float((tuning.weight[q] * outside + bent)[reached].sum())
     pairs = np.abs(moves.reshape(-1, 2))
     each = pairs @ list(tuning.move_weight) + 0.5 * pairs**2 @ list(tuning.move_square) / horizon.block_reach
@@ -123,7 +129,7 @@ class ReferenceSolver:
         parameter = np.concatenate(
             [
                 start, history, largest,
-                weight, np.repeat(list(t.square), n_out) * reached,
+                weight, np.repeat(squares(problem, t), n_out) * reached,
                 *(list(side[q][0:n_out]) for side in (problem.low, problem.high) for q in (0, 1)),
                 np.tile(list(t.move_weight), h.n_blocks) * sizes * largest,
                 np.tile(list(t.move_square), h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),

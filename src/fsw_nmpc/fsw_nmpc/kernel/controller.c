@@ -86,9 +86,10 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 
 static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
-  const double one[10] = {t->tolerance,    t->offset_keep,   t->rate_keep,        t->jump_sigmas,      t->drift_sigmas,
-                         t->blind_limit_s, t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1], t->heat_sigmas};
-  for (int i = 0; i < 10; i++) add(one[i], &sum, &least);
+  const double one[11] = {t->tolerance,       t->offset_keep,       t->rate_keep[0],  t->rate_keep[1],
+                          t->jump_sigmas,     t->drift_sigmas,      t->heat_sigmas,   t->blind_limit_s,
+                          t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1]};
+  for (int i = 0; i < 11; i++) add(one[i], &sum, &least);
   for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
   for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
   for (int q = 0; q < 2; q++) {
@@ -99,9 +100,11 @@ static int is_usable(const fsw_nmpc_tuning *t) {
     if (!(t->held_share >= 0.0 && t->held_share <= 1.0)) return 0;
     if (t->knee[q] > 0.0 && (t->weight[0] > 0.0 || t->weight[1] > 0.0 || t->knee[!q] > 0.0 || !(t->square[q] > 0.0))) return 0;
     if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
-    if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
+    if (t->rate_keep[q] > 1.0 || t->corridor_decay[q] > 1.0) return 0;
+    if (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S)) return 0;
   }
-  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0 || t->rate_keep > 1.0) return 0;
+  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0) return 0;
+  if (t->heat_sigmas > 0.0 && !(t->walk[FSW_THERMAL_GAIN] > 0.0)) return 0; /* with a wrong gain the loop would swing */
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
   if (t->quality_temp_c[0] > t->quality_temp_c[1]) return 0;
@@ -209,7 +212,7 @@ static void take_drifts(fsw_nmpc *c) {
     for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S)
       for (int q = 0; q < 2; q++) {
         drift[q] += FSW_TICK_S * rate[q];
-        rate[q] *= c->tuning.rate_keep;
+        rate[q] *= c->tuning.rate_keep[q];
       }
     for (int q = 0; q < 2; q++) c->problem.start.drift[q][i] = drift[q];
   }

@@ -190,7 +190,8 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->a[FSW_TOOL][FSW_THERMAL_GAIN] = mode[9] * e->x[FSW_HEAT];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
-  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep;
+  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = t->rate_keep[0];
+  e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep[1];
 }
 
 /* Whether a state keeps its estimate and its variance, whatever the measurements are. */
@@ -319,8 +320,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   x[FSW_MOTOR] = begin + rise + friction + motor_decay * rest;
   x[FSW_DEPTH_OFFSET] = t->offset_keep * x[FSW_DEPTH_OFFSET] + FSW_TICK_S * x[FSW_DEPTH_RATE];
   x[FSW_TEMP_OFFSET] = t->offset_keep * x[FSW_TEMP_OFFSET] + FSW_TICK_S * x[FSW_TEMP_RATE];
-  x[FSW_DEPTH_RATE] *= t->rate_keep;
-  x[FSW_TEMP_RATE] *= t->rate_keep;
+  x[FSW_DEPTH_RATE] *= t->rate_keep[0];
+  x[FSW_TEMP_RATE] *= t->rate_keep[1];
   for (int k = 0; k < 3 * (m->n_history - 1); k++) e->history[k] = e->history[k + 3];
   double *newest = e->history + 3 * (m->n_history - 1);
   newest[0] = kw * begin - m->operating_power_kw;

@@ -103,7 +103,7 @@ typedef struct {
   double noise[3];             /* standard deviations: depth, torque, temperature */
   double walk[FSW_STATES];     /* random walk of each state per tick */
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
-  double rate_keep;            /* likewise of their rates */
+  double rate_keep[2];         /* likewise of their rates */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
   double drift_sigmas;         /* innovations of the depth whose recent sum is further off are a drift; 0: never */
   double heat_sigmas;          /* innovations of the temperature whose sum over seconds is further off are heat; 0: never */

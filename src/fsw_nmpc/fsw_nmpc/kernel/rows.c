@@ -93,6 +93,9 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
                fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
+  /* Copper that heats less costs as much by the power that it lacks: else a depth step would take more of its temperature. */
+  const double gain = problem->start.thermal_gain, less = gain < 1.0 ? gain : 1.0;
+  const double square[2] = {t->square[0], t->square[1] / (less * less)}, knee[2] = {t->knee[0], t->knee[1] * less};
   int n = 0;
   build_variables(m, t, &problem->start, v, w);
   w->n_depth = w->n_soft_rows = w->n_bent = 0;
@@ -106,18 +109,18 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
     }
     for (int j = width; j < padded(w->nv); j++) a[j] = 0.0;
     w->output[r] = at_zero;
-    if (width == 0 || !(t->weight[q] > 0.0 || t->square[q] > 0.0)) continue;
+    if (width == 0 || !(t->weight[q] > 0.0 || square[q] > 0.0)) continue;
     w->row[n] = r;
     w->row_width[n] = width;
     w->low[n] = problem->low[q][i] - at_zero;
     w->high[n] = problem->high[q][i] - at_zero;
-    w->square[n] = t->square[q] > 0.0 ? t->square[q] : 0.0;
-    const int is_bent = t->knee[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_KNEE * t->knee[q];
+    w->square[n] = square[q] > 0.0 ? square[q] : 0.0;
+    const int is_bent = knee[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_KNEE * knee[q];
     if (t->weight[q] > 0.0 || is_bent) {
-      weight[w->n_soft_rows] = is_bent ? t->knee[q] * t->square[q] : t->weight[q];
+      weight[w->n_soft_rows] = is_bent ? knee[q] * square[q] : t->weight[q];
       if (is_bent) {
         w->square[n] = 0.0;
-        w->bend = 1.0 / t->square[q];
+        w->bend = 1.0 / square[q];
         w->n_bent++;
       }
       w->soft_row[w->n_soft_rows++] = n;

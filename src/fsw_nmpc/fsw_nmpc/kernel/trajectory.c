@@ -271,7 +271,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
   for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
     drift += FSW_TICK_S * rate;
-    rate *= c->tuning.rate_keep;
+    rate *= c->tuning.rate_keep[1];
   }
   const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
   motion ahead = {shown + copper, rate + (thermal_gain(c) * power - copper) / m->copper_lag_s, shown + tool};
