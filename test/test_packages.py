@@ -268,6 +268,8 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
 def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
     """Without the extra ``test``, ``colcon test`` runs no test at all and says OK."""
     assert (package / "resource" / package.name).is_file()
+    assert f"Changelog for package {package.name}\n" in (package / "CHANGELOG.rst").read_text(encoding="utf-8")
+    assert (package / "README.md").is_file()
     assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(encoding="utf-8")
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
     assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
