@@ -38,7 +38,11 @@ def step(plant, controller, number):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
     plant, controller = Unit(sys.argv[1]), Unit(sys.argv[2])
+    if "reference_depth_mm" not in controller.inputs:
+        sys.exit("give the plant first, then the controller")
     if "drives_valid" in controller.inputs:
         controller.set(drives_valid=True)
     for number in range(600):

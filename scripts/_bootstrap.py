@@ -25,6 +25,7 @@ if INTERRUPTIBLE:
 import fcntl
 import hashlib
 import importlib
+import itertools
 import shutil
 import subprocess
 import sys
@@ -157,7 +158,9 @@ def _make(home, locks):
             venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_genuine_ros()).create(home)
         except (OSError, subprocess.CalledProcessError) as error:
             sys.exit(f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv")
-    for lock in locks:
+    # those before the first one that is new are as they were; those after it may have other versions of its packages
+    old = len(list(itertools.takewhile(lambda lock: _is_ready(home, [lock]), locks)))
+    for lock in locks[old:]:
         names = _packages(lock)
         print(f"[set-up] installing {len(names)} packages of {lock.name} (once)", file=sys.stderr, flush=True)
         pip = [str(_python(home)), "-m", "pip", "--disable-pip-version-check", "install", "--only-binary", ":all:"]

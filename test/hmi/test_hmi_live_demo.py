@@ -1,5 +1,6 @@
 """``demo.py --live``: a weld in real time and the page beside it."""
 
+import re
 import signal
 
 import pytest
@@ -38,6 +39,7 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
         page.command(token)
         page.until("tick")
         assert kill(tmp_path, "fsw_hmi") == 1
+    assert re.search(r"export ROS_DOMAIN_ID=\d+$", child.text(), re.MULTILINE)
     wait_until(lambda: not child.running, "the end of the weld")
     assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), child.text()
     with BagReader(tmp_path / "weld" / "bag") as bag:

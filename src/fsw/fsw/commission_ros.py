@@ -50,7 +50,8 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
                 f"{len(one)} of {name}"
                 for name, one in zip(("commands", "drives", "depth", "torque", "temperature"), heard, strict=True)
             )
-            raise CommandError(f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}: {counts}")
+            late = f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}"
+            raise CommandError(f"{late}: {counts}; does the graph run there?")
         reference = node.set_points_in_force(set_points, depths)
     state = states[-1]
     names = {one.name for one in state.controllers}

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw.welds import Weld, read_bag
+from fsw.welds import Weld, needed, read_bag
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
 from fsw_identification.summary import Summary
@@ -167,7 +167,7 @@ class Model:
         >>> plant.dt, plant.ninputs, plant.noutputs
         (0.1, 2, 3)
         """
-        import control
+        control = needed("control")
 
         at = self.process.equilibrium(depth_mm, temperature_c)
         names = {"inputs": list(INPUTS), "outputs": list(OUTPUTS)}
@@ -187,7 +187,7 @@ class Model:
 
     def _with_pade(self, at: Equilibrium, order: int) -> tuple[Vector, Vector, Vector]:
         """A, B, C in continuous time; the states of the approximation of the dead time follow those of the process."""
-        import control
+        control = needed("control")
         from scipy.signal import tf2ss
 
         lin = self.process.linearise(at)
@@ -211,9 +211,7 @@ class Model:
         >>> fsw.model().to_do_mpc().n_x
         118
         """
-        from do_mpc.model import Model as DoMpcModel
-
-        made = DoMpcModel("discrete", "SX")
+        made = needed("do_mpc.model").Model("discrete", "SX")
         x = made.set_variable("_x", "x", (self.state().size, 1))
         after, y = self.discrete(x, ca.vertcat(*(made.set_variable("_u", name) for name in INPUTS)))
         for i, name in enumerate(OUTPUTS):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Progress = Callable[[float], None]
+
+
+def needed(module: str) -> Any:
+    """A module of the extra ``science``; ImportError, which says how to install it, without that."""
+    try:
+        return import_module(module)
+    except ImportError:
+        install = "pip install 'fsw-control[science]'; in the repository: pip install -r requirements/science.lock"
+        raise ImportError(f"{module} is missing: {install}") from None
 
 
 class Weld:
@@ -63,7 +74,12 @@ class Weld:
 
     def __getitem__(self, name: str) -> Column:
         """A signal by name; KeyError where there is none."""
-        return self.table[name]
+        try:
+            return self.table[name]
+        except KeyError:
+            near = get_close_matches(name, self.table, 1)
+            hint = f"did you mean {near[0]}?" if near else "all names: list(weld.table)"
+            raise KeyError(f"no signal {name}; {hint}") from None
 
     @cached_property
     def table(self) -> dict[str, Column]:
@@ -83,7 +99,7 @@ class Weld:
         >>> frame.index.name, len(frame)
         ('time_s', 600)
         """
-        import pandas
+        pandas = needed("pandas")
 
         return pandas.DataFrame(self.table).set_index("time_s")
 
@@ -96,7 +112,7 @@ class Weld:
         >>> fsw.simulate("quick").to_xarray()["depth_mm"].attrs
         {'units': 'mm'}
         """
-        import xarray
+        xarray = needed("xarray")
 
         columns = {name: values for name, values in self.table.items() if name != "time_s"}
         found = xarray.Dataset(
@@ -149,7 +165,7 @@ class Comparison(dict[str, Weld]):
 
     def to_pandas(self) -> pd.DataFrame:
         """Figures of merit, a row per weld; ImportError without pandas."""
-        import pandas
+        pandas = needed("pandas")
 
         flat = [{key: value for key, value in one.items() if not isinstance(value, list)} for one in self.kpi]
         return pandas.DataFrame(flat).set_index("label")

@@ -104,6 +104,19 @@ def test_a_figure_that_is_not_there_and_a_factor_that_is_no_number_are_named():
         fsw.model(dead_time_s="x")
 
 
+def test_a_signal_that_is_not_there_and_an_extra_that_is_missing_are_named(monkeypatch):
+    weld = fsw.simulate("quick")
+    with pytest.raises(KeyError, match="no signal dept_mm; did you mean depth_mm"):
+        weld["dept_mm"]
+    with pytest.raises(KeyError, match=r"no signal x; all names: list\(weld.table\)"):
+        weld["x"]
+    for module in ("pandas", "xarray", "control", "do_mpc.model"):
+        monkeypatch.setitem(sys.modules, module, None)
+    for convert in (weld.to_pandas, weld.to_xarray, fsw.model().linearise, fsw.model().to_do_mpc):
+        with pytest.raises(ImportError, match=r"is missing: pip install 'fsw-control\[science\]'"):
+            convert()
+
+
 def test_a_controller_without_command_leads_to_a_hold():
     class Nothing(fsw.Controller):
         name = "nothing"

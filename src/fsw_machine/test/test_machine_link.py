@@ -1,6 +1,7 @@
 """The OPC UA client against the test machine: reads, writes, security, and one line for everything that is wrong."""
 
 import queue
+import socket
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -27,6 +28,7 @@ from fsw_machine.opcua_link import (
     password,
 )
 from fsw_machine.samples import CycleRead
+from fsw_test_support import machine_server
 from fsw_test_support.certificates import make
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.machine_server import CLIENT_URI, SERVER_URI
@@ -303,3 +305,11 @@ def test_the_waits_between_attempts_are_bounded():
     back_off.reset()
     assert back_off.next() == 0.5
     assert BackOff(5.0, 1.0).next() == 5.0
+
+
+@pytest.mark.slow
+def test_a_test_machine_whose_port_is_taken_says_what_to_do(monkeypatch, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        monkeypatch.setattr("sys.argv", ["run_machine_server.py", "--port", str(taken.getsockname()[1])])
+        assert machine_server.main() == 2
+    assert "; end the other server, or choose another --port" in capsys.readouterr().err

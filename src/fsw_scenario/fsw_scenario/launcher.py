@@ -64,7 +64,7 @@ class Launcher:
     """
 
     def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:
-        self.log_folder = log_folder
+        self.log_folder, self.domain = log_folder, domain
         self.children: dict[str, Child] = {}
         self._patience_s = patience_s
         self._environment = {

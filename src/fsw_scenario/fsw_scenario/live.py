@@ -35,7 +35,9 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     print(f"token: {token}")
     minutes = graph.scenario.duration_s / 60.0
     print(f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; Ctrl-C ends it")
-    print(f"bag: {graph.bag}", flush=True)
+    print(f"bag: {graph.bag}")
+    # a domain of its own keeps the weld apart from others on this machine; fsw.py needs to know it
+    print(f"ROS domain: {launcher.domain}; in another terminal: export ROS_DOMAIN_ID={launcher.domain}", flush=True)
     player = graph.start(launcher)
     respawn = Respawn(launcher, [name for name in launcher.children if name not in ("plant", "scenario")])
     player_ended = False

@@ -95,6 +95,10 @@ class ScenarioNode(Node):
             self._sent.add_done_callback(self._on_answer)
         elif self.weld is None:
             alone, silence_s = self._is_alone(), self._settings["silence_timeout_s"]
+            if not alone:
+                self.get_logger().warning(
+                    f"another scenario player runs; this one waits {silence_s:g} s for it to end", once=True
+                )
             patience_s = max(silence_s, _OWN_GOAL_S) if alone else silence_s
             if time.monotonic() - self._began_s > patience_s:
                 missing = "its own goal is not answered" if alone else "another scenario player in the graph"

@@ -3,6 +3,7 @@
 from unittest.mock import create_autospec
 
 import pytest
+import rclpy
 import yaml
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -13,6 +14,7 @@ from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C
 from fsw_msgs.srv import SetMode
 from fsw_scenario.audience_ros import Audience
 from fsw_scenario.launcher import ABORTED
+from fsw_scenario.scenario_node import ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 
@@ -158,3 +160,16 @@ def test_audience_is_complete_when_set_points_and_plan_reach_all_that_listen(unm
     assert audience.is_complete()
     matched[unmatched] -= 1
     assert not audience.is_complete()
+
+
+def test_second_player_says_that_it_waits_for_the_first_one(monkeypatch, capfd):
+    monkeypatch.setattr(ScenarioNode, "_is_alone", lambda _: False)
+    rclpy.init(args=[])
+    try:
+        player = ScenarioNode("quick")
+        player._on_watch()
+        player._on_watch()
+        player.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert capfd.readouterr().err.count("another scenario player runs; this one waits 60 s for it to end") == 1

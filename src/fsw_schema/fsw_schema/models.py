@@ -180,7 +180,9 @@ def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str
             file = shipped / f"{source}.yaml"
         return file.read_text(encoding="utf-8")
     except OSError as error:
+        near = get_close_matches(str(source), names, 1)
         known = f"; give a YAML file or one of {', '.join(names)}" if names else ""
+        known = f"; did you mean {near[0]}?" if near else known
         raise InputError(f"cannot read {what} {source}: {error.strerror}{known}") from None
     except ValueError:  # also a path with a null byte
         raise InputError(f"cannot read {what} {str(source)!r}: not a text file in UTF-8") from None

@@ -147,6 +147,8 @@ def test_text_of_a_file_or_a_shipped_one(tmp_path):
     assert models.read_text("one", "part", tmp_path) == models.read_text(tmp_path / "one.yaml", "part") == "a: 1"
     with pytest.raises(InputError, match=r"cannot read part two: .*one of bad, one"):
         models.read_text("two", "part", tmp_path)
+    with pytest.raises(InputError, match=r"cannot read part onne: .*did you mean one\?$"):
+        models.read_text("onne", "part", tmp_path)
     for source in ("bad", "\0"):
         with pytest.raises(InputError, match="not a text file"):
             models.read_text(source, "part", tmp_path)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import errno
 import json
 import logging
 import signal
@@ -346,7 +347,9 @@ def main() -> int:
         else:
             asyncio.run(serve(arguments))
     except (InputError, SecurityError, OSError) as error:
-        print(f"run_machine_server.py: {error}", file=sys.stderr)
+        busy = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
+        hint = "; end the other server, or choose another --port" if busy else ""
+        print(f"run_machine_server.py: {error}{hint}", file=sys.stderr)
         return 2
     return 0
 
