@@ -99,7 +99,7 @@ class Comparison:
             return [f"{self.title}: all {self.ticks} proposals reproduced bit by bit"]
         first = (self.beyond or self.differences)[0]
         what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (f", {first.text}" if first.text else "")
-        verdict = f"all {self.ticks} proposals reproduced within the tolerance of {self.tolerance:g}"
+        verdict = f"all {self.ticks} proposals reproduced within the tolerance of {self.tolerance:g} (1 + value)"
         if self.beyond:
             verdict = f"{len(self.beyond)} of {self.ticks} proposals differ"
         force, speed = (self.values()[name] for name in ("force_kn", "speed_rpm"))
