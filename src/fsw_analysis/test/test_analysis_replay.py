@@ -217,7 +217,7 @@ def test_differences_within_the_tolerance_count_as_equal(tmp_path: Path) -> None
     for tolerance, beyond in ((1e-10, 0), (1e-12, 1)):  # 1e-9 kN of some 80 kN is 1.2e-11
         result = again.against_own("simple", tolerance)
         assert not result.identical and len(result.beyond) == beyond
-        assert ("within the tolerance of 1e-09 (1 + value)" in result.lines()[0]) == (not beyond)
+        assert ("within the tolerance of 1e-10 (1 + value)" in result.lines()[0]) == (not beyond)
 
 
 def test_no_tolerance_covers_health_or_what_is_not_finite(tmp_path: Path) -> None:
