@@ -68,6 +68,8 @@ def _parts(label: str) -> tuple[str, str]:
 @cache
 def _class_at(place: str) -> Any:
     module, _, kind = place.rpartition(":")
+    if module.endswith(".py") and not Path(module).is_file():
+        raise InputError(f"controller {place} is not available: there is no file {module}")
     try:
         found = run_path(module).get(kind) if module.endswith(".py") else getattr(import_module(module), kind, None)
     except Exception as error:  # a user's file may fail in any way

@@ -46,7 +46,7 @@ def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
         ("nobody", "available: decentral, nmpc"),
         ("", "no name"),
         ("no_such_module:Own", "no_such_module"),
-        ("{0}/missing.py:Own", "FileNotFoundError"),
+        ("{0}/missing.py:Own", "there is no file .*missing.py"),
         ("{0}/own.py:Nothing", "no class Nothing"),
         ("{0}/own.py:nameless", "no class nameless"),
         ("{0}/own.py:broken_name", "two words"),
