@@ -97,7 +97,7 @@ class OperatorRequests:
         if wanted is not Mode.SAFE_STOP and (why_stop := self._why_stop()):
             return False, f"refused: {why_stop}"
         if wanted is not Mode.SAFE_STOP and machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
-            return False, "refused: the safe stop is not acknowledged: do so first (fsw/acknowledge, fsw.py acknowledge)"
+            return False, "refused: acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
         if wanted is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.limits)
