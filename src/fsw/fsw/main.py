@@ -55,7 +55,11 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
                 before, _, last = one.name.rpartition(" ")
                 description = as_typed(one.description)
                 added = places[before].add_parser(
-                    last, help=as_typed(one.text), description=description, usage=one.usage
+                    last,
+                    help=as_typed(one.text),
+                    description=description,
+                    usage=one.usage,
+                    allow_abbrev=False,  # --dept might move an actuator
                 )
                 if one.run is None:
                     places[one.name] = _places(added)

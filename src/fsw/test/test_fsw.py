@@ -114,6 +114,7 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
         ["fly"],
         ["reference", "--depth", "9"],
         ["reference", "--depth", "deep"],
+        ["reference", "--dept", "2.7"],
         ["fault", "nose", "nan"],
         ["identify", "--design", "--drive-lag", "nan"],
         ["identify", "--design", "--drive-lag=-1"],

@@ -212,7 +212,7 @@ class PlantNode(ManagedNode):
         if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
-            self.get_logger().info(f"tick {self._plant.tick}: the player has exited; continuing without it")
+            self.get_logger().info(f"tick {self._plant.tick}: no player of a scenario any more; continuing without it")
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
             self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; continuing without it")
