@@ -11,6 +11,7 @@ from fsw_msgs.srv import SetFault
 
 
 @pytest.mark.real_time
+@pytest.mark.full
 def test_the_plant_is_stopped_and_continued(weld, table):
     weld.restore()
     weld.signal("plant", signal.SIGSTOP)

@@ -123,6 +123,7 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
 
 
 @pytest.mark.requirement("S16")
+@pytest.mark.full
 def test_silent_connection_is_told_and_comes_back(fake, open_page):
     page = ready(open_page(fake.url, silence_ms=6000))
     fake.silent = True

@@ -101,6 +101,7 @@ def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, op
     expect(page.locator("#who strong")).to_contain_text("hold")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("bounds", [["--ros-args", "-p", "speed_max:=415.0"]], ids=["415 rpm"])
 def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(address, open_page):
     url, token = address

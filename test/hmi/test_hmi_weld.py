@@ -214,6 +214,7 @@ def plant_waits_for(weld, count):
 
 
 @pytest.mark.real_time
+@pytest.mark.full
 def test_plant_does_not_take_the_page_for_a_controller(weld):
     weld.serve()
     page = weld.command()

@@ -57,6 +57,7 @@ def test_operator_is_told_that_commands_do_not_reach_the_machine_and_why(weld, d
 
 
 @pytest.mark.requirement("S17")
+@pytest.mark.full
 def test_operator_is_told_of_a_foreign_writer(weld, desk):
     rogue = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
 

@@ -112,6 +112,7 @@ def test_damaged_sqlite(tmp_path: Path, position: int, value: int, cut: bool) ->
 
 @fuzz
 @given(position=st.integers(0, len(FILE_ZSTD) - 1), value=st.integers(0, 255), cut=st.booleans())
+@pytest.mark.full
 def test_damaged_compressed_file(tmp_path: Path, position: int, value: int, cut: bool) -> None:
     content = bytearray(FILE_ZSTD)
     content[position] = value

@@ -29,6 +29,7 @@ events:
 """
 
 
+@pytest.mark.full
 def test_it_proposes_what_its_scenario_commands(tmp_path):
     scenario = tmp_path / "steps.yaml"
     scenario.write_text(SCENARIO)

@@ -75,6 +75,7 @@ def test_feedback_and_cancellation_across_processes(node: Any, spinner: Any, run
     assert (result.result().status, list(result.result().result.sequence)) == (GoalStatus.STATUS_CANCELED, [1, 2, 3])
 
 
+@pytest.mark.full
 def test_the_server_dies(
     node: Any, spinner: Any, run_program: Callable[..., Any], wait_until: Callable[..., bool]
 ) -> None:
