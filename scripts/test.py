@@ -22,7 +22,7 @@ OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for three. The tests of a file stay together:
 #: they share fixtures, and those of a launch file come one after the other. Files come in the order of ``testpaths``.
 BY_FILE = ["--dist", "loadfile", "--no-loadscope-reorder"]
-PARALLEL = ["-n", str(min(8, 3 * (os.cpu_count() or 1))), *BY_FILE]
+PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), *BY_FILE]
 #: Graphs against the clock, after all others: only their folders are collected, those of the longest files first.
 REAL_TIME = [
     "test/machine",

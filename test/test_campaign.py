@@ -98,6 +98,7 @@ def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
     assert found(tmp_path / "out") == expected
 
 
+@pytest.mark.full
 def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, monkeypatch):
     made = definition.load(file, welds=1)
     with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made) as written:

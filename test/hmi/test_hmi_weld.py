@@ -241,6 +241,7 @@ def recorded_actions(folder):
 
 
 @pytest.mark.real_time
+@pytest.mark.full
 def test_programme_is_held_changed_by_hand_and_resumed(weld):
     scenario = parse(PROGRAMME)
     weld.serve()

@@ -26,6 +26,7 @@ def test_courses_of_the_events_follow_each_other():
     assert courses["dT"] == (REST, Reference(DEPTH_MM, TEMPERATURE_C + 5.0))  # to show what it showed before
 
 
+@pytest.mark.full
 def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
     goal = Reference(DEPTH_MM + 0.1, TEMPERATURE_C + 2.0)
     best = clairvoyant.best(REST, goal, 100.0, 1.0)
