@@ -31,7 +31,9 @@ events:
 _PART = 600
 #: dead time that the model takes at most
 _LONGEST_S = 10.0
-LARGEST_GAIN = 8.0
+#: factor on a gain up to which its margin is sought, and on the paper's value: the emulator takes up to 10
+LARGEST_GAIN, _LARGEST_FACTOR = 8.0, 9.9
+_DEPTH, _TEMPERATURE = "depth_gain_mm_per_kn_s", "thermal_gain_c_per_kw"
 #: factors that are tried to match margins (chosen)
 _SLOWER = tuple(1.12**k for k in range(14))
 #: factor to which a gain margin is found
@@ -65,7 +67,7 @@ class Loops:
     def __post_init__(self) -> None:
         self._controller = make(self.label, dict(self.parameters))
 
-    def is_stable(self, force_ticks: int = 0, **factors: float) -> bool:
+    def is_stable(self, force_ticks: int = 0, /, **factors: float) -> bool:
         """Whether small steps of both set-points die out, without noise.
 
         What swings by ten times the step and more does not die out, even if the bounds of the drives make it smaller.
@@ -98,29 +100,33 @@ class Loops:
 
     def has(self, gain: float, delay_s: float) -> bool:
         """Whether the loop of the temperature has at least these margins."""
-        return self.is_stable(thermal_gain_c_per_kw=min(gain, LARGEST_GAIN)) and self.with_delay(delay_s)
+        gain = min(gain, _most_gain(self.process, _TEMPERATURE))
+        return self.is_stable(**{_TEMPERATURE: gain}) and self.with_delay(delay_s)
 
     def temperature(self) -> dict[str, float]:
-        """Margins of the temperature's loop: factor on the gain, inf beyond 8, and delay."""
+        """Margins of the temperature's loop: factor on the gain, inf beyond what is tried, and delay."""
         longest = _longest_ticks(self.process)
         delay = largest_delay(lambda ticks: self.with_delay(STEP_S * ticks), longest)
-        gain = largest_gain(lambda gain: self.is_stable(thermal_gain_c_per_kw=gain))
-        return {"temperature_gain": gain, "temperature_delay_s": STEP_S * delay}
+        return {"temperature_gain": self._gain(_TEMPERATURE), "temperature_delay_s": STEP_S * delay}
 
     def margins(self) -> dict[str, float]:
         """Margins of both loops."""
         delay = largest_delay(self.is_stable, _longest_ticks(self.process))
-        gain = largest_gain(lambda gain: self.is_stable(depth_gain_mm_per_kn_s=gain))
-        return {"depth_gain": gain, "depth_delay_s": STEP_S * delay, **self.temperature()}
+        return {"depth_gain": self._gain(_DEPTH), "depth_delay_s": STEP_S * delay, **self.temperature()}
+
+    def _gain(self, name: str) -> float:
+        return largest_gain(lambda gain: self.is_stable(**{name: gain}), _most_gain(self.process, name))
 
 
 def texts(margins: Mapping[str, float], process: ModelParameters | None = None) -> dict[str, str]:
     """Margins as texts; the model takes dead times up to 10 s, so that larger margins are not told apart."""
-    longest_s = STEP_S * _longest_ticks(process or nominal())
+    process = process or nominal()
+    longest_s = STEP_S * _longest_ticks(process)
     found = {}
     for name, margin in margins.items():
         if name.endswith("_gain"):
-            found[name] = f"> {LARGEST_GAIN:g}" if math.isinf(margin) else f"{margin:.2g}"
+            most = _most_gain(process, _DEPTH if name.startswith("depth") else _TEMPERATURE)
+            found[name] = f"> {most:.2g}" if math.isinf(margin) else f"{margin:.2g}"
         else:
             found[name] = f"{'≥ ' if margin > longest_s - 0.5 * STEP_S else ''}{margin:.1f} s"
     return found
@@ -129,6 +135,12 @@ def texts(margins: Mapping[str, float], process: ModelParameters | None = None) 
 def _longest_ticks(process: ModelParameters) -> int:
     """Delay, in ticks, up to which the margin of a loop is sought."""
     return math.floor((_LONGEST_S - process.dead_time_s) / STEP_S + 1e-9)
+
+
+def _most_gain(process: ModelParameters, name: str) -> float:
+    """Factor on a gain of the process up to which its margin is sought."""
+    usual: float = dict(nominal())[name]
+    return min(LARGEST_GAIN, _LARGEST_FACTOR * usual / float(dict(process)[name]))
 
 
 def slower_for(
@@ -145,11 +157,11 @@ def slower_for(
     return slower
 
 
-def largest_gain(stable: Callable[[float], bool]) -> float:
-    """Largest factor on a gain at which the loop is stable, to 2 %; inf beyond 8."""
-    if stable(LARGEST_GAIN):
+def largest_gain(stable: Callable[[float], bool], most: float = LARGEST_GAIN) -> float:
+    """Largest factor on a gain at which the loop is stable, to 2 %; inf beyond ``most``."""
+    if stable(most):
         return math.inf
-    low, high = 1.0, LARGEST_GAIN
+    low, high = 1.0, most
     while high > GAIN_ACCURACY * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)

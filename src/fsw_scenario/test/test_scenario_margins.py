@@ -5,13 +5,13 @@ import math
 import pytest
 
 from fsw_model import nominal
-from fsw_scenario.margins import Loops, largest_delay, largest_gain
+from fsw_scenario.margins import Loops, largest_delay, largest_gain, texts
 
 
 def test_late_and_strong_processes_end_stability():
     loops = Loops("decentral:conservative")
     assert loops.is_stable()
-    assert not loops.is_stable(force_ticks=60)
+    assert not loops.is_stable(60)
     assert not loops.is_stable(thermal_gain_c_per_kw=8.0)
     tight = Loops("decentral:tight")
     assert tight.with_delay(2.0) and not tight.with_delay(7.2)
@@ -22,6 +22,19 @@ def test_the_process_is_that_of_the_model():
     half = Loops("decentral:conservative", process=nominal().scaled(thermal_gain_c_per_kw=0.5))
     assert half.is_stable(thermal_gain_c_per_kw=4.0)
     assert not Loops("decentral:conservative").is_stable(thermal_gain_c_per_kw=4.0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "margin", "most"),
+    [(0.2, math.inf, "> 8"), (1.5, pytest.approx(1.8, rel=0.1), "> 6.6"), (4.0, 1.0, "> 2.5")],
+)
+def test_a_margin_is_sought_as_far_as_the_emulator_takes_the_process(factor, margin, most):
+    process = nominal().scaled(thermal_gain_c_per_kw=factor)
+    assert Loops("decentral:tight", process=process).temperature()["temperature_gain"] == margin
+    assert texts({"depth_gain": math.inf, "temperature_gain": math.inf}, process) == {
+        "depth_gain": "> 8",
+        "temperature_gain": most,
+    }
 
 
 @pytest.mark.parametrize("margin", [1.05, 2.7, 7.9])
