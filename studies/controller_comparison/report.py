@@ -10,7 +10,7 @@ import numpy as np
 
 from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
 from fsw_analysis.report import table, templates
-from fsw_scenario.margins import texts
+from fsw_scenario.margins import TITLES, texts
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
 from fsw_scenario.standard_runs import JUDGED, failed
 
@@ -106,12 +106,10 @@ def worse(data: Mapping[str, Any]) -> list[str]:
 
 def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain and delay margins."""
-    rows = [["", "depth: gain", "temperature: gain", "depth: delay", "temperature: delay"]]
+    rows = [["", *TITLES.values()]]
     for label, found in data.items():
         words = texts(found)
-        rows.append(
-            [label, *(words[key] for key in ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s"))]
-        )
+        rows.append([label, *(words[key] for key in TITLES)])
     return rows
 
 

@@ -16,7 +16,7 @@ from controller_comparison.processes import BELOW_NOISE, FIXED, REST, SWEEP, VAL
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
 from fsw_scenario import standard_runs
-from fsw_scenario.margins import Loops, largest_gain, slower_for
+from fsw_scenario.margins import Loops, slower_for
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed
 
@@ -174,8 +174,7 @@ def aggressiveness() -> dict[str, dict[str, float]]:
 
 def _with_knob(knob: Mapping[str, float]) -> dict[str, float]:
     errors = {case: standard_runs.figures(Job(DEFAULT, case, parameters=knob))["iae_temperature_c_s"] for case in CASES}
-    margin = largest_gain(lambda gain: Loops(DEFAULT, knob).is_stable(thermal_gain_c_per_kw=gain))
-    return errors | {"temperature_gain": margin}
+    return errors | {"temperature_gain": Loops(DEFAULT, knob).gain("thermal_gain_c_per_kw")}
 
 
 def wins() -> dict[str, Any]:

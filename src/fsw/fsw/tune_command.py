@@ -33,13 +33,6 @@ _SWEEP: dict[str, dict[str, float]] = {
     **{f"dead time × {k:g}": {"dead_time_s": k} for k in (0.7, 1.3)},
 }
 EVALUATIONS = 3000
-#: titles of the margins
-_MARGINS = {
-    "depth_gain": "depth: gain",
-    "temperature_gain": "temperature: gain",
-    "depth_delay_s": "depth: delay",
-    "temperature_delay_s": "temperature: delay",
-}
 
 
 @command(
@@ -66,7 +59,7 @@ def tune(arguments: argparse.Namespace) -> int:
     folder = new_folder(arguments.out, "tuning").resolve()
     tunings = write_tunings(arguments.model, folder, arguments.evaluations, matched=arguments.matched)
     rows = [[label, *_ordered(of, model)] for label, of in tunings.margins.items()]
-    print_table(rows, ["margins", *_MARGINS.values()], words=1)
+    print_table(rows, ["margins", *margins.TITLES.values()], words=1)
     if not arguments.no_sweep:
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes that differ from the model") as bar:
@@ -117,13 +110,15 @@ def write_tunings(model_file: Path, folder: Path, evaluations: int, origin: str 
 
 def _words(found: Mapping[str, float], model: ModelParameters) -> str:
     """Margins as a comment of a file."""
-    words = ", ".join(f"{title} {text}" for title, text in zip(_MARGINS.values(), _ordered(found, model), strict=True))
+    words = ", ".join(
+        f"{title} {text}" for title, text in zip(margins.TITLES.values(), _ordered(found, model), strict=True)
+    )
     return f"# Margins with this model, by simulation of small steps: {words}.\n"
 
 
 def _ordered(found: Mapping[str, float], model: ModelParameters) -> list[str]:
     words = margins.texts(found, model)
-    return [words[key] for key in _MARGINS]
+    return [words[key] for key in margins.TITLES]
 
 
 def _write(path: Path, node: str, values: Mapping[str, Any], origin: str) -> None:

@@ -34,6 +34,12 @@ _LONGEST_S = 10.0
 #: factor on a gain up to which its margin is sought, and on the paper's value: the emulator takes up to 10
 LARGEST_GAIN, _LARGEST_FACTOR = 8.0, 9.9
 _DEPTH, _TEMPERATURE = "depth_gain_mm_per_kn_s", "thermal_gain_c_per_kw"
+TITLES = {
+    "depth_gain": "depth: gain",
+    "temperature_gain": "temperature: gain",
+    "depth_delay_s": "depth: delay",
+    "temperature_delay_s": "temperature: delay",
+}
 #: factors that are tried to match margins (chosen)
 _SLOWER = tuple(1.12**k for k in range(14))
 #: factor to which a gain margin is found
@@ -107,14 +113,15 @@ class Loops:
         """Margins of the temperature's loop: factor on the gain, inf beyond what is tried, and delay."""
         longest = _longest_ticks(self.process)
         delay = largest_delay(lambda ticks: self.with_delay(STEP_S * ticks), longest)
-        return {"temperature_gain": self._gain(_TEMPERATURE), "temperature_delay_s": STEP_S * delay}
+        return {"temperature_gain": self.gain(_TEMPERATURE), "temperature_delay_s": STEP_S * delay}
 
     def margins(self) -> dict[str, float]:
         """Margins of both loops."""
         delay = largest_delay(self.is_stable, _longest_ticks(self.process))
-        return {"depth_gain": self._gain(_DEPTH), "depth_delay_s": STEP_S * delay, **self.temperature()}
+        return {"depth_gain": self.gain(_DEPTH), "depth_delay_s": STEP_S * delay, **self.temperature()}
 
-    def _gain(self, name: str) -> float:
+    def gain(self, name: str) -> float:
+        """Margin of a gain of the process, by the name of the parameter: a factor, inf beyond what is tried."""
         return largest_gain(lambda gain: self.is_stable(**{name: gain}), _most_gain(self.process, name))
 
 
