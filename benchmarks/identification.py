@@ -6,7 +6,7 @@ then off by more than three of its standard deviations, and how often without a 
 welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, which have another structure: how well does
 the identified model predict another weld, compared with the paper's?
 
-usage: identification.py [--quick] [--foreign] [--json FILE]
+usage: identification.py [--quick] [--foreign | --whole COUNT] [--json FILE]
 """
 
 import json
@@ -211,9 +211,10 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    models = identify(taught, steady=True).parameters, nominal()
-    found = [prediction_errors(judged, model) for model in models]
-    return {key: found[0][key] / found[1][key] for key in found[0]}
+    usual = prediction_errors(judged, nominal())
+    free, steady = (prediction_errors(judged, identify(taught, steady=how).parameters) for how in (False, True))
+    ratios = {key: free[key] / usual[key] for key in usual}
+    return ratios | {f"steady_{key}": steady[key] / usual[key] for key in usual}
 
 
 def prediction_errors(segments, model):
@@ -237,9 +238,15 @@ def main():
         __doc__, "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters"
     )
     options.add_argument("--foreign", action="store_true", help="only the canisters")
+    options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
     arguments = options.parse_args()
     if arguments.foreign:
         result = of_foreign(2 if arguments.quick else 12)
+        show(result)
+        save(result, arguments.json)
+        return 0
+    if arguments.whole:
+        result = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole])
         show(result)
         save(result, arguments.json)
         return 0

@@ -7,7 +7,7 @@ comes at every tick.
 
 from __future__ import annotations
 
-from math import exp, expm1
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from fsw_control import SENSORS, weld
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
-from fsw_model.equations import MOTOR, N_POWER
+from fsw_model.equations import MOTOR, N_POWER, power_kw
+from fsw_plant.canister_process import risen
 from fsw_plant.config import PlantConfig
 from fsw_plant.sensors import BLOCK, noise_of
 
@@ -150,8 +151,11 @@ class PlantBatch:
         moved, sent, depth = after[:6], after[6:10], after[10]
         fine = (depth > 0.0) & np.isfinite(after[6]) & ~self.stopped
         self.stopped = ~fine
-        rise = -expm1(-STEP_S / self.config.model.motor_lag_s)
-        moved[MOTOR] += rise * self._disturbed("torque")
+        added_nm = self._disturbed("torque")
+        moved[MOTOR] += risen(self.config.model.motor_lag_s) * added_nm
+        added_kw = power_kw(added_nm, mean[1])
+        sent[0] += added_kw
+        sent[3] -= added_kw
         self._x = np.where(fine, moved, self._x)
         self._power[oldest] = np.where(fine, sent, self._power[oldest])
         self._oldest = newer

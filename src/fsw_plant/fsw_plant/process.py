@@ -8,7 +8,8 @@ from typing import Protocol
 
 from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
-from fsw_plant.canister_process import CanisterProcess
+from fsw_model.equations import MOTOR, power_kw
+from fsw_plant.canister_process import CanisterProcess, risen
 from fsw_plant.config import PlantConfig
 from fsw_plant.tool_path import Motion
 
@@ -30,8 +31,10 @@ class PlantProcess(Protocol):
             If there is no such start.
         """
 
-    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
-        """Advance ``state`` in place by one step with the inputs held.
+    def advance(
+        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+    ) -> None:
+        """Advance ``state`` in place by one step with the inputs held, and ``added_nm`` to M_sp of (18).
 
         Raises
         ------
@@ -57,9 +60,18 @@ class PaperProcess:
         """As of :class:`PlantProcess`."""
         return self._model.equilibrium(depth_mm, temperature_c)
 
-    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
+    def advance(
+        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+    ) -> None:
         """As of :class:`PlantProcess`."""
         self._model.step(state, force_kn, speed_rpm)
+        if added_nm:
+            lag_s = self._model.parameters.motor_lag_s
+            state.x = (*state.x[:MOTOR], state.x[MOTOR] + risen(lag_s) * added_nm)
+            # what is added rises within the step as 1 - exp(-s / lag): the first and the last function of the power
+            added_kw = power_kw(added_nm, speed_rpm)
+            constant, *others, fading = state.power[-1]
+            state.power[-1] = (constant + added_kw, others[0], others[1], fading - added_kw)
 
     def refit(self, state: ProcessState) -> None:
         """As of :class:`PlantProcess`."""
