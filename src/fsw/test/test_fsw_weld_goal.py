@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from fsw import commission_ros, graph_ros, weld_ros
+from fsw import commission_ros, graph_ros, operator_node, weld_ros
 from fsw.errors import CommandError
 from fsw_control.reports_ros import ERROR, OK
 
@@ -114,6 +114,17 @@ def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(mo
 
     monkeypatch.setattr(commission_ros, "abort", no_answer)
     assert "a weld may go on, or begin yet" in commission_ros._aborted(None)
+
+
+@pytest.mark.parametrize(("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)])
+def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(monkeypatch, running, expected):
+    def spin_once(*_, **__):
+        raise RuntimeError("the context is invalid")
+
+    monkeypatch.setattr(operator_node.rclpy, "spin_once", spin_once)
+    monkeypatch.setattr(operator_node.rclpy, "ok", lambda: running)
+    with pytest.raises(expected):
+        operator_node.Operator(None, 1.0).wait_until(lambda: False)
 
 
 def test_status_tells_why_nothing_is_measured():
