@@ -173,7 +173,7 @@ void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
 }
 
 void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
-  c->estimator.started = 0;
+  c->estimator.started = c->rival.started = 0;
   c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
   c->late_s = 0.0;
@@ -195,7 +195,7 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
     fsw_nmpc_input nothing = now;
     nothing.depth_fresh = nothing.torque_fresh = nothing.temperature_fresh = 0;
     for (; ticks > 0; ticks--)
-      if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, ticks > 1 ? &nothing : &now)) break;
+      if (!fsw_estimators_step(c, ticks > 1 ? &nothing : &now)) break;
     if (c->estimator.started) return 1;
     clear_plan(c);
   }
@@ -228,7 +228,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
-  s->thermal_gain = x[FSW_THERMAL_GAIN];
+  s->thermal_gain = c->estimator.gain_in_use;
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];

@@ -33,7 +33,7 @@ extern "C" {
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
-  FSW_LATER = 12,                            /* ticks by which the power may arrive later than in the model */
+  FSW_LATER = 32,                            /* ticks by which the power may arrive later than in the model */
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
@@ -202,6 +202,8 @@ typedef struct {
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
+  double gain_in_use, delay_in_use_s;      /* of the power: they follow the estimates by small steps */
+  int is_late;                             /* range of the delay */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
@@ -219,7 +221,8 @@ typedef struct {
 typedef struct {
   fsw_nmpc_model model;
   fsw_nmpc_tuning tuning;
-  fsw_estimator estimator;
+  fsw_estimator estimator, rival;
+  double evidence;
   fsw_plan plan;
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the trajectories of the last tick */

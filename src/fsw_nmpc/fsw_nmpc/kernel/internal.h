@@ -17,6 +17,7 @@ double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 /* estimator.c */
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
+int fsw_estimators_step(fsw_nmpc *c, const fsw_nmpc_input *in);
 void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
