@@ -101,7 +101,7 @@ class Library(CController):
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
-        kept = ("estimator", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s")
+        kept = ("estimator", "adaptation", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s")
         for name in (*kept, "bad_cycles", "plan"):
             setattr(self.state, name, getattr(other.state, name))
         plan = self.state.plan

@@ -40,16 +40,7 @@
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
-#define THERMAL_GAIN_STEP 0.01 /* per tick, of that in use, so that nothing jumps */
-#define DELAY_STEP_S 0.05     /* likewise */
-#ifndef CERTAIN
-#define CERTAIN 3.0
-#endif
-#define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
-#define LATE_S 2.0             /* likewise about this, where the response is late */
-#define RIVAL_DEVIATION_S 0.6
-#define ENOUGH_EVIDENCE 10.0   /* logarithm of the ratio of likelihoods at which the rival takes over */
-#define LEAST_EVIDENCE -20.0
+#define LARGEST_DELAY_S 1.0    /* either way from the middle of its range, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
@@ -156,8 +147,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
   x[FSW_DEPTH_RATE] = x[FSW_TEMP_RATE] = 0.0;
   x[FSW_DEPTH_GAIN] = x[FSW_THERMAL_GAIN] = 1.0;
-  x[FSW_DELAY] = e->delay_in_use_s = 0.0;
-  e->gain_in_use = 1.0;
+  x[FSW_DELAY] = 0.0;
   x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
@@ -174,7 +164,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = 0.0;
-  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
+  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = e->is_refuted = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -242,6 +232,11 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
         if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
 }
 
+/* Half of the range of the delay: it is about 0, or about twice this where the response is late. */
+double fsw_delay_span_s(const fsw_nmpc_model *m) {
+  return 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
+}
+
 /* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
 static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
   const double last = m->n_history + FSW_LATER - 1.001; /* power that is still to come: as the newest */
@@ -265,9 +260,9 @@ static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper
 }
 
 /* The power under way as the model, with its dead time, has to see it for all of it to arrive when it does. */
-void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]) {
+void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
+                         double history[3 * FSW_MAX_HISTORY]) {
   double unused;
-  const double delay_s = e->delay_in_use_s;
   for (int k = 0; k < 3 * m->n_history; k++) history[k] = e->history[k];
   if (delay_s == 0.0) return;
   for (int k = 0; k < m->n_history; k++) {
@@ -389,7 +384,7 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
  * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
-  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
+  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0) || e->is_refuted) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
@@ -408,13 +403,6 @@ static void clear_row(double row[N]) {
 static int seen(fsw_estimator *e, int sensor, int is_valid) {
   e->blind_s[sensor] = is_valid ? 0.0 : e->blind_s[sensor] + FSW_TICK_S;
   return is_valid;
-}
-
-/* What is used of an estimate: the model's value as long as it is within so many standard deviations, then the nearest that
- * is, and from `before` on by a small step. */
-static double in_use(const fsw_estimator *e, int state, double of_model, double before, double step) {
-  const double deviation = CERTAIN * sqrt(e->p[state][state]), x = e->x[state];
-  return fsw_clip(fsw_clip(of_model, x - deviation, x + deviation), before - step, before + step);
 }
 
 static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
@@ -450,11 +438,8 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
   e->x[FSW_THERMAL_GAIN] = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
-  const double most = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
-  const double middle = e->is_late ? LATE_S : 0.0;
-  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle - most, middle + most);
-  e->gain_in_use = in_use(e, FSW_THERMAL_GAIN, 1.0, e->gain_in_use, THERMAL_GAIN_STEP);
-  e->delay_in_use_s = in_use(e, FSW_DELAY, 0.0, e->delay_in_use_s, DELAY_STEP_S);
+  const double half_s = fsw_delay_span_s(m), middle_s = e->is_late ? 2.0 * half_s : 0.0;
+  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle_s - half_s, middle_s + half_s);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
@@ -467,57 +452,4 @@ int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;
   return e->started = is_sound(e, m);
-}
-
-/* By how much is the last temperature more likely with one estimator than with another: logarithm of the ratio. */
-static double more_likely(const fsw_estimator *e, const fsw_estimator *other, const fsw_nmpc_tuning *t) {
-  const double most = t->jump_sigmas * t->jump_sigmas, variance[2] = {e->expected[TEMPERATURE], other->expected[TEMPERATURE]};
-  double square[2];
-  if (!(variance[0] > 0.0 && variance[1] > 0.0)) return 0.0;
-  for (int i = 0; i < 2; i++) {
-    const double innovation = i ? other->innovation[TEMPERATURE] : e->innovation[TEMPERATURE];
-    square[i] = innovation * innovation / variance[i];
-    if (most > 0.0 && square[i] > most) square[i] = most;
-  }
-  const double u = (variance[1] - variance[0]) / (variance[1] + variance[0]); /* log of the variances' ratio, as a series */
-  return 0.5 * (square[1] - square[0]) + u + u * u * u / 3.0;
-}
-
-/* Give the rival the estimates of the estimator, but a delay in the middle of the other range. */
-static void challenge(fsw_nmpc *c) {
-  fsw_estimator *rival = &c->rival;
-  const double start = RIVAL_DEVIATION_S;
-  *rival = c->estimator;
-  rival->is_late = !rival->is_late;
-  rival->x[FSW_DELAY] = rival->is_late ? LATE_S : 0.0;
-  for (int i = 0; i < N; i++) rival->p[FSW_DELAY][i] = rival->p[i][FSW_DELAY] = 0.0;
-  rival->p[FSW_DELAY][FSW_DELAY] = start * start;
-  c->evidence = 0.0;
-}
-
-/* One tick of the estimator, and, while gain and delay are estimated, of its rival with the other range of the delay. The
- * linearisation of the delay reaches no further than its range: a response that is later than that passes for a weak gain.
- * The one that makes the temperatures more likely goes on. */
-int fsw_estimators_step(fsw_nmpc *c, const fsw_nmpc_input *in) {
-  fsw_estimator *e = &c->estimator, *rival = &c->rival;
-  if (!fsw_estimator_step(e, &c->model, &c->tuning, in)) return 0;
-  if (!(e->is_telling && c->tuning.walk[FSW_DELAY] > 0.0)) {
-    if (!e->heated_ticks) rival->started = 0;
-    if (!rival->started) return 1;
-  } else if (!rival->started) {
-    challenge(c);
-    return 1;
-  }
-  if (!fsw_estimator_step(rival, &c->model, &c->tuning, in)) return 1;
-  c->evidence += more_likely(rival, e, &c->tuning);
-  if (c->evidence < LEAST_EVIDENCE) c->evidence = LEAST_EVIDENCE;
-  if (c->evidence > ENOUGH_EVIDENCE) {
-    const fsw_estimator loser = *e;
-    *e = *rival;
-    e->gain_in_use = loser.gain_in_use;
-    e->delay_in_use_s = loser.delay_in_use_s;
-    *rival = loser;
-    c->evidence = 0.0;
-  }
-  return 1;
 }

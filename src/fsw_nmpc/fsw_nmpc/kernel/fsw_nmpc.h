@@ -202,12 +202,20 @@ typedef struct {
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
-  double gain_in_use, delay_in_use_s;      /* of the power: they follow the estimates by small steps */
-  int is_late;                             /* range of the delay */
+  int is_late;                             /* whether the delay is sought in its later range */
+  int is_refuted;                          /* whether no gain and delay fit: then nothing is taken for heat */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
+
+/* What is used of gain and delay of the power, and the rival of the estimator, see adapt.c. */
+typedef struct {
+  fsw_estimator rival;                     /* started while the power tells anything */
+  double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
+  double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
+  double gain, delay_s;                    /* in use */
+} fsw_adaptation;
 
 typedef struct {
   double moves[FSW_MAX_VARS];              /* the last accepted moves, seen from the present tick */
@@ -221,8 +229,8 @@ typedef struct {
 typedef struct {
   fsw_nmpc_model model;
   fsw_nmpc_tuning tuning;
-  fsw_estimator estimator, rival;
-  double evidence;
+  fsw_estimator estimator;
+  fsw_adaptation adaptation;
   fsw_plan plan;
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the trajectories of the last tick */

@@ -108,7 +108,7 @@ static double half_time_s(const approach *a, double size) {
 }
 
 /* Gain of the settled temperature over the power. */
-static double thermal_gain(const fsw_nmpc *c) { return c->estimator.gain_in_use * c->model.thermal_gain_c_per_kw; }
+static double thermal_gain(const fsw_nmpc *c) { return c->adaptation.gain * c->model.thermal_gain_c_per_kw; }
 
 /* Gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
@@ -260,7 +260,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  const double gain = e->gain_in_use, heat = gain * x[FSW_HEAT];
+  const double gain = c->adaptation.gain, heat = gain * x[FSW_HEAT];
   double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
   double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
@@ -294,7 +294,7 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1] * (1.0 + c->estimator.delay_in_use_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_temp = {t->time_s[1] * (1.0 + c->adaptation.delay_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
