@@ -27,7 +27,7 @@ static int is_adapting(const fsw_nmpc_tuning *t) { return t->walk[FSW_THERMAL_GA
 void fsw_adaptation_start(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
   a->rival.started = 0;
-  a->evidence = a->delay_s = 0.0;
+  a->evidence = a->delay_s = a->heat_kw = 0.0;
   a->gain = a->misfit = 1.0;
 }
 
@@ -96,6 +96,15 @@ static double certain(const fsw_estimator *e, int state, double of_model) {
   return fsw_clip(of_model, x - deviation, x + deviation);
 }
 
+/* The heat of a prediction with another gain than the estimator's: the power of the last half minute heats alike with both,
+ * so that a process at rest does not stay off its set-point. */
+static double heat_in_use(fsw_nmpc *c) {
+  const fsw_estimator *e = &c->estimator;
+  fsw_adaptation *a = &c->adaptation;
+  a->power_kw += FSW_TICK_S / c->model.copper_lag_s * (e->power[0] - a->power_kw);
+  return e->x[FSW_HEAT] + (e->x[FSW_THERMAL_GAIN] / a->gain - 1.0) * (a->power_kw + e->x[FSW_HEAT]);
+}
+
 /* One tick of the estimator, of its rival, and of what is used of them. Returns whether the estimate is sound. */
 int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_adaptation *a = &c->adaptation;
@@ -106,5 +115,6 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
   a->gain = fsw_clip(e->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
+  a->heat_kw = heat_in_use(c);
   return 1;
 }

@@ -203,7 +203,10 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
   fsw_adaptation_start(c);
-  return fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now);
+  if (!fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now)) return 0;
+  c->adaptation.heat_kw = c->estimator.x[FSW_HEAT];
+  c->adaptation.power_kw = c->estimator.power[0];
+  return 1;
 }
 
 /* How far the two offsets move over the horizon while their rates leak. */
@@ -231,7 +234,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
   s->thermal_gain = c->adaptation.gain;
-  s->heat_offset_kw = x[FSW_HEAT];
+  s->heat_offset_kw = c->adaptation.heat_kw;
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];

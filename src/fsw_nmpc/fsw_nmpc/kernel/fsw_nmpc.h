@@ -214,7 +214,8 @@ typedef struct {
   fsw_estimator rival;                     /* started while the power tells anything */
   double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
   double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
-  double gain, delay_s;                    /* in use */
+  double gain, delay_s, heat_kw;           /* in use */
+  double power_kw;                         /* mean power deviation of about the copper's lag */
 } fsw_adaptation;
 
 typedef struct {
