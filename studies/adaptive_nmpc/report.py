@@ -24,6 +24,10 @@ from fsw_scenario.standard_runs import JUDGED, Figures
 TOLERATED = 1.1
 #: A difference of two runs is beyond noise if it is more than so many of its standard deviations.
 BEYOND_NOISE = 2.0
+#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
+STEADY_C = 12.0
+#: Figures of a late response, by their titles.
+LATE = {"largest error [°C]": "peak_c", "still moving [°C]": "moves_c"}
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
 
@@ -134,6 +138,21 @@ def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
     return rows + [[name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()]
 
 
+def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
+    """Worst over gain and lag, by dead time, where the tuning itself does not swing."""
+    rows = [
+        ["dead time beyond the model's [s]", "processes", *(f"{what}, {c}" for what in LATE for c in (FIXED, ADAPTIVE))]
+    ]
+    rows[0].append(f"IAE worse than × {TOLERATED:g}")
+    for later_s in dict.fromkeys(one["later_s"] for one in data):
+        kept = [one for one in data if one["later_s"] == later_s and one[FIXED]["peak_c"] < STEADY_C]
+        worst = (max(one[c][key] for one in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE))
+        worse = sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in kept)
+        of = sum(one["later_s"] == later_s for one in data)
+        rows.append([f"{later_s:g}", f"{len(kept)} of {of}", *(f"{value:.1f}" for value in worst), f"{worse}"])
+    return rows
+
+
 def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
     plants = ran(data["random"])
@@ -148,6 +167,7 @@ def page(data: Mapping[str, Any]) -> str:
         "all": all_figures(plants),
         "drifts": drift_rows(data["drifts"]),
         "margins": margin_rows(data["margins"]),
+        "late": late_rows(data["late"]),
     }
     tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return (
@@ -165,6 +185,9 @@ def page(data: Mapping[str, Any]) -> str:
             beyond_noise=BEYOND_NOISE,
             noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS)),
             compared=len(plants) * len(figures(plants)),
+            of_dead_times=len(data["late"]),
+            worse_late=sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in data["late"]),
+            steady=STEADY_C,
         )
     )
 
