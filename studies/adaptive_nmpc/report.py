@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from fsw_analysis.figure_style import STYLE, colours_of
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import table, templates
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
+from fsw_scenario.standard_cases import CASES, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
 
 #: What must not be lost by adapting: a share of any figure.
@@ -84,14 +84,12 @@ def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
     return int((r > max(TOLERATED, 1.0 + BEYOND_NOISE * 2.0**0.5 * sigma)).sum())
 
 
-def against(plants: Plants, rival: str, keys: Collection[str] = (), noise: Mapping[str, float] | None = None) -> Rows:
-    """How the adapting controller's figures compare with another's, over the plants; ``keys``: only these."""
+def against(plants: Plants, rival: str, noise: Mapping[str, float] | None = None) -> Rows:
+    """How the adapting controller's figures compare with another's, over the plants."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
     if noise:
         rows[0] += ["noise, σ", "and beyond it"]
     for key, title in figures(plants).items():
-        if keys and key not in keys:
-            continue
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
         runs = plants[int(r.argmax())]
@@ -160,7 +158,6 @@ def page(data: Mapping[str, Any]) -> str:
     tables = {
         "tight": shares(plants, [TIGHT]),
         "adapting": against(plants, FIXED, noise=data["noise"]),
-        "default": against(plants, DEFAULT, JUDGED),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
