@@ -34,7 +34,7 @@ def compare(out: Path, plants: int) -> dict[str, Any]:
     data |= {"margins": study.margins(), "aggressiveness": study.aggressiveness(), "wins": study.wins()}
     data |= {"matched": study.matched(), "below_noise": study.below_noise(), "corridors": study.corridors()}
     data["random"] = study.random_plants(plants)
-    data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants * 2 // 5))
+    data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants // 5))
     figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
     figures.random_plants(data["random"], out / "random_plants.png")
     return data

@@ -70,7 +70,7 @@ def margins(compared: Entrants) -> dict[str, dict[str, dict[str, float]]]:
     """
     judged = {name: of for name, of in compared.items() if name != "nmpc:paper"}
     tasks = [(label, parameters, SENSING[lag]) for lag in LAGS for label, parameters in judged.values()]
-    found = on_all_cores(_margins, tasks)
+    found = iter(list(on_all_cores(_margins, tasks)))
     return {lag: {name: next(found) for name in judged} for lag in LAGS}
 
 
