@@ -42,7 +42,7 @@ NODES = {
     "fsw_scenario": ("fsw_scenario.scenario_node", {"use_sim_time": True, "scenario": "", "silence_timeout_s": 3600.0}),
     "fsw_plant": (
         "fsw_plant.plant_node",
-        {"clock": "simulated", "speed": 10.0, "wait_for_subscribers": 2, "model.thermal_gain_c_per_kw": 1.3},
+        {"clock": "simulated", "speed": 0.0, "wait_for_subscribers": 2, "model.thermal_gain_c_per_kw": 1.3},
     ),
 }
 
@@ -122,3 +122,7 @@ def test_a_running_graph_is_commissioned_and_ctrl_c_aborts(graph, capsys):
     capsys.readouterr()
     assert main(["status", "--timeout", "60"]) == 0
     assert "safe_stop" in capsys.readouterr().out
+    assert main(arguments(graph, "again")) == 1
+    captured = capsys.readouterr()
+    note = yaml.safe_load((graph / "again" / "commission.yaml").read_text())["outcomes"]["experiment"]["note"]
+    assert "in mode safe_stop, so nothing was moved; fsw.py acknowledge" in note, captured

@@ -53,6 +53,61 @@ class ConditionReachedException(Exception):  # noqa: N818
     """The future is done."""
 
 
+class _Entities:
+    """What an executor waits for: entities of its nodes whose callback group lets them start, and its wait set."""
+
+    def __init__(self, wait_set: WaitSet) -> None:
+        self.changed = True
+        #: whether a callback group keeps an entity out
+        self.blocked = False
+        self._wait_set = wait_set
+        # Timers and guard conditions, which are ready without a condition of DDS; those of waitables; both.
+        self._timed: list[tuple[Any, Any]] = []
+        self._added_timed: list[Any] = []
+        self._all_timed: list[Any] = []
+        self._readers: list[tuple[Any, Any]] = []
+        self._waitables: list[tuple[Any, Any]] = []
+        self._waitables_seen_ns = 0
+
+    def collect(self, nodes: list[Any], can_execute: Callable[[Any], bool]) -> None:
+        """Collect the entities again."""
+        self.changed = False
+        self.blocked = False
+        self._timed, self._readers, self._waitables, self._wait_set.added = [], [], [], []
+        for node in nodes:
+            for target, entities in (
+                (self._timed, [*node.timers, *node.guards]),
+                (self._readers, [*node.subscriptions, *node.clients, *node.services]),
+                (self._waitables, list(node.waitables)),
+            ):
+                for entity in entities:
+                    if can_execute(entity):
+                        target.append((entity, node))
+                    else:
+                        self.blocked = True
+        for waitable, _ in self._waitables:
+            waitable.add_to_wait_set(self._wait_set)
+        self._added_timed = [entity for entity in self._wait_set.added if entity.condition is None]
+        self._all_timed = [*self._added_timed, *(entity for entity, _ in self._timed)]
+        waking = [*(entity for entity, _ in self._readers), *self._wait_set.added]
+        self._wait_set.update([entity.condition for entity in waking if entity.condition is not None])
+
+    def wait(self, timeout_ns: int) -> list[tuple[Any, Any]]:
+        """Wait until something is ready, at most a time; return the ready entities with their nodes."""
+        waits = [wait_ns for entity in self._all_timed if (wait_ns := entity._wait_ns()) is not None]
+        triggered = self._wait_set.wait(min(timeout_ns, *waits) if waits else timeout_ns)
+        timed = [one for one in self._timed if one[0]._wait_ns() == 0]
+        # Each look at a condition is a call of Cyclone DDS: none after the last that has been triggered.
+        ready = list(islice((one for one in self._readers if one[0].condition.is_triggered()), triggered))
+        now = time.monotonic_ns()
+        unexplained = len(ready) < triggered or any(entity._wait_ns() == 0 for entity in self._added_timed)
+        if not unexplained and now - self._waitables_seen_ns <= _WAITABLE_PERIOD_NS:
+            return timed + ready
+        self._waitables_seen_ns = now
+        waitables = [one for one in self._waitables if one[0].is_ready(self._wait_set)]
+        return waitables[::-1] + timed + ready
+
+
 class Executor:
     """Base class of the executors."""
 
@@ -70,15 +125,8 @@ class Executor:
             self._wait_set = WaitSet(self.context.session)
         self._is_shutdown = False
         self._working = threading.RLock()
-        self._entities_changed = True
-        self._blocked = False
-        # Timers and guard conditions, which are ready without a condition of DDS; those of waitables; both.
-        self._timed: list[tuple[Any, Any]] = []
-        self._added_timed: list[Any] = []
-        self._all_timed: list[Any] = []
-        self._readers: list[tuple[Any, Any]] = []
-        self._waitables: list[tuple[Any, Any]] = []
-        self._waitables_seen_ns = self._tidied_ns = 0
+        self._entities = _Entities(self._wait_set)
+        self._tidied_ns = 0
         self.context._wakers.add(self)
 
     def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
@@ -143,7 +191,7 @@ class Executor:
         self._wait_set.wake()
 
     def _notice(self) -> None:
-        self._entities_changed = True
+        self._entities.changed = True
         self.wake()
 
     # Spinning
@@ -186,7 +234,7 @@ class Executor:
                 with self._lock:
                     self._tasks.append(task)
                 # The group may be closed to its other entities now: do not wait for those.
-                self._entities_changed = True
+                self._entities.changed = True
             if task.exception() is not None:
                 raise task.exception()  # type: ignore[misc]
 
@@ -222,7 +270,7 @@ class Executor:
                 self._collect(remaining)
             except DDSException:
                 # An entity was destroyed by another thread between two calls, or the participant is gone.
-                self._entities_changed = True
+                self._entities.changed = True
                 if self.context.session._closed:
                     raise ExternalShutdownException() from None
             if not self.context.ok() and not self._is_shutdown:
@@ -273,55 +321,19 @@ class Executor:
                 await result
         finally:
             entity.callback_group.ending_execution(entity)
-            if self._blocked:
-                self._entities_changed = True
-
-    def _rebuild(self) -> None:
-        """Collect the entities again, without those whose callback group does not let them start."""
-        self._entities_changed = False
-        self._blocked = False
-        self._timed, self._readers, self._waitables, self._wait_set.added = [], [], [], []
-        for node in self.get_nodes():
-            for target, entities in (
-                (self._timed, [*node.timers, *node.guards]),
-                (self._readers, [*node.subscriptions, *node.clients, *node.services]),
-                (self._waitables, list(node.waitables)),
-            ):
-                for entity in entities:
-                    if self.can_execute(entity):
-                        target.append((entity, node))
-                    else:
-                        self._blocked = True
-        for waitable, _ in self._waitables:
-            waitable.add_to_wait_set(self._wait_set)
-        self._added_timed = [entity for entity in self._wait_set.added if entity.condition is None]
-        self._all_timed = [*self._added_timed, *(entity for entity, _ in self._timed)]
-        waking = [*(entity for entity, _ in self._readers), *self._wait_set.added]
-        self._wait_set.update([entity.condition for entity in waking if entity.condition is not None])
-
-    def _shortened(self, timeout_ns: int) -> int:
-        """How long may be waited, at most a time: until the first timer, a poll of coroutines, a guard condition."""
-        waits = [wait_ns for entity in self._all_timed if (wait_ns := entity._wait_ns()) is not None]
-        if self._tasks and any(task._resumable and not task.executing() for task in self._tasks):
-            waits.append(_POLL_NS)
-        return min(timeout_ns, *waits) if waits else timeout_ns
+            if self._entities.blocked:
+                self._entities.changed = True
 
     def _collect(self, timeout_ns: int) -> None:
         """Wait until something is ready, and queue it."""
-        if self._entities_changed:
-            self._rebuild()
-        triggered = self._wait_set.wait(self._shortened(timeout_ns))
+        if self._entities.changed:
+            self._entities.collect(self.get_nodes(), self.can_execute)
+        if self._tasks and any(task._resumable and not task.executing() for task in self._tasks):
+            timeout_ns = min(timeout_ns, _POLL_NS)
+        ready = self._entities.wait(timeout_ns)
         self._due = None
-        self._ready.extend(timed for timed in self._timed if timed[0]._wait_ns() == 0)
-        # Each look at a condition is a call of Cyclone DDS: none after the last that has been triggered.
-        ready = list(islice((one for one in self._readers if one[0].condition.is_triggered()), triggered))
         self._ready.extend(ready)
-        now = time.monotonic_ns()
-        unexplained = len(ready) < triggered or any(entity._wait_ns() == 0 for entity in self._added_timed)
-        if unexplained or now - self._waitables_seen_ns > _WAITABLE_PERIOD_NS:
-            self._waitables_seen_ns = now
-            self._ready.extendleft(one for one in self._waitables if one[0].is_ready(self._wait_set))
-        if now - self._tidied_ns > _TIDY_PERIOD_NS:
+        if (now := time.monotonic_ns()) - self._tidied_ns > _TIDY_PERIOD_NS:
             self._tidied_ns = now
             self.context.session.graph.tidy()
 
@@ -385,7 +397,7 @@ class MultiThreadedExecutor(Executor):
                     timeout_sec, None, lambda: condition() or bool(self._failed)
                 )
                 if entity is not None and not self.can_execute(entity):
-                    self._entities_changed = True  # nor any other of its group: do not wait for those
+                    self._entities.changed = True  # nor any other of its group: do not wait for those
                 self._submit(task)
             except (ShutdownException, TimeoutException, ConditionReachedException):
                 pass
@@ -421,5 +433,5 @@ class MultiThreadedExecutor(Executor):
         with self._finished:
             del self._at_work[task]
             self._finished.notify_all()
-        self._entities_changed = True  # its group may be open again
+        self._entities.changed = True  # its group may be open again
         self.wake()

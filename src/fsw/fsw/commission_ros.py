@@ -20,6 +20,7 @@ from fsw.params_ros import client_of
 from fsw.weld_ros import abort, follow
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.contract import SAFE_STOP
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_control.weld import TICK_S
 from fsw_msgs.action import RunWeld
@@ -109,6 +110,7 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
 
     try:
         with operator(arguments) as node:
+            _must_control(node)
             launcher.wait_until(lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder")
             node.node.create_subscription(
                 ShoulderDepth, "fsw/depth", lambda one: take("depth", units.mm_from_m(one.depth)), STREAM
@@ -126,6 +128,16 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
         finally:
             signal.signal(signal.SIGINT, before)
         raise KeyboardInterrupt(text) from None
+
+
+def _must_control(node: Operator) -> None:
+    """CommandError unless a controller commands: an experiment must not begin in the safe stop that ended the last."""
+    states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
+    if not node.wait_until(lambda: states):
+        raise CommandError(f"no supervisor is heard on {domain_text()}; does the graph run there?")
+    if (mode := states[-1].actual_mode) != "auto":
+        back = "fsw.py acknowledge, then " if mode == SAFE_STOP else ""
+        raise CommandError(f"the supervisor is in mode {mode}, so nothing was moved; {back}fsw.py mode auto first")
 
 
 def _aborted(node: Operator) -> str:
