@@ -151,6 +151,8 @@ def test_figures_say_whether_something_swings():
     strong = {"model.thermal_gain_c_per_kw": 8.0}
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
+    noisy = weld(job := Job(TIGHT, "tracking", True, {**study.LATENCY, **SENSING["correlated 5 s, lag 3 s"]})).truth
+    assert np.ptp(noisy.temperature_c[-150:]) > 1.0 and not figures(job)["swings"]  # it follows the noise
 
 
 @pytest.mark.parametrize("plant", [{}, {"actuators.lag_s": 0.3}], ids=["nominal", "drive lag"])
