@@ -237,7 +237,7 @@ class PlantEmulator:
         if not self.stopped:
             self._input_disturbance = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
             self._advance_process(mean_kn, mean_rpm)
-        self._sensors.heat(self._outputs.temperature_c, self._disturbance("temperature"))
+        self._sensors.heat(self._outputs.temperature_c)
         self._travel.end_tick()
         self.tick += 1
 

@@ -94,19 +94,20 @@ class Probe:
     """
 
     def __init__(self, lag_s: float, start_c: float) -> None:
-        self._value_c = self._before_c = start_c
+        self._value_c = self._process_c = self._around_c = start_c
         self.lag_s = lag_s
 
     def read(self, around_c: float) -> float:
-        """The probe's temperature where ``around_c`` is that around it."""
+        """The probe's temperature at a tick where ``around_c`` is that around it, disturbance included."""
+        self._around_c = around_c
         return self._value_c if self.lag_s else around_c
 
-    def advance(self, process_c: float, disturbance_c: float) -> None:
-        """Follow for a tick at whose end the process has this temperature, and in which the disturbance was held."""
+    def advance(self, process_c: float) -> None:
+        """Follow for a tick at whose end the process has this temperature; the disturbance that was read is held."""
         left, mean = lag_left(self.lag_s), lag_mean(self.lag_s)
-        held_c = self._before_c + disturbance_c
-        self._value_c = held_c + left * (self._value_c - held_c) + (1.0 - mean) * (process_c - self._before_c)
-        self._before_c = process_c
+        held_c, change_c = self._around_c, process_c - self._process_c
+        self._value_c = held_c + left * (self._value_c - held_c) + (1.0 - mean) * change_c
+        self._process_c, self._around_c = process_c, held_c + change_c
 
 
 class Sensors:
@@ -122,9 +123,9 @@ class Sensors:
             sensor.configure(noise)
         self._probe.lag_s = config["sensors.temperature_lag_s"]
 
-    def heat(self, process_c: float, disturbance_c: float) -> None:
+    def heat(self, process_c: float) -> None:
         """End a tick: see :meth:`Probe.advance`."""
-        self._probe.advance(process_c, disturbance_c)
+        self._probe.advance(process_c)
 
     def send(
         self, values: tuple[float, float, float], stamp_ns: int, faults: Mapping[str, Fault], time_s: float

@@ -80,20 +80,21 @@ def test_noise_that_becomes_correlated_goes_on_from_where_it_is():
 def test_probe_follows_steps_and_ramps_exactly():
     step, ramp, at_once = Probe(3.0, 800.0), Probe(3.0, 800.0), Probe(0.0, 800.0)
     for tick in range(1, 200):
-        for probe in (step, at_once):
-            probe.advance(800.0, 10.0)
-        ramp.advance(800.0 + 0.5 * tick, 0.0)
-        t = 0.1 * tick
-        assert step.read(nan) == pytest.approx(800.0 + 10.0 * (1.0 - exp(-t / 3.0)), abs=1e-9)
-        assert ramp.read(nan) == pytest.approx(800.0 + 5.0 * (t - 3.0 * (1.0 - exp(-t / 3.0))), abs=1e-9)
         assert at_once.read(810.0) == 810.0
+        for probe in (step, at_once):
+            probe.read(810.0)  # a disturbance by 10
+            probe.advance(800.0)
+        ramp.advance(800.0 + 0.5 * tick)
+        t, met_c = 0.1 * tick, 800.0 + 0.5 * tick
+        assert step.read(810.0) == pytest.approx(800.0 + 10.0 * (1.0 - exp(-t / 3.0)), abs=1e-9)
+        assert ramp.read(met_c) == pytest.approx(800.0 + 5.0 * (t - 3.0 * (1.0 - exp(-t / 3.0))), abs=1e-9)
 
 
 @given(st.floats(0.0, 60.0), st.lists(st.floats(500.0, 1000.0), min_size=2, max_size=30))
 def test_probe_stays_within_what_it_has_met(lag_s, around):
     probe = Probe(lag_s, around[0])
     for value in around:
-        probe.advance(value, 0.0)
+        probe.advance(value)
         assert min(around) - 1e-9 <= probe.read(value) <= max(around) + 1e-9
 
 

@@ -71,7 +71,7 @@ def weld(job: Job) -> WeldSignals:
 def figures(job: Job) -> Figures:
     """Run a job and return its figures of merit, and whether an output oscillates for good.
 
-    What still moves at the end may only be settling or following the noise: then the same weld is run without noise, and
+    What still moves at the end may only be settling or following the noise: then the same weld is run without noise and
     continued by a minute without events.
     """
     signals = weld(job)
