@@ -43,6 +43,9 @@ class Graph(Spinner):
         self.until(lambda: self.drives.get_subscription_count() and self.commands.get_subscription_count())
         self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
 
+    def spin(self):
+        self.executor.spin_once(timeout_sec=0.001)
+
     def on_diagnostics(self, message):
         for one in message.status:
             self.parts[one.name] = one
@@ -61,8 +64,8 @@ class Graph(Spinner):
         for publisher, message in zip(self.sensors, messages, strict=True):
             publisher.publish(message)
         self.commands.publish(convert.command_message(command, stamp_ns, "decentral"))
-        for _ in range(20):  # so that the queues do not run over
-            self.executor.spin_once(timeout_sec=0.002)
+        for _ in range(8):  # so that the queues do not run over
+            self.spin()
 
     def weld_until(self, condition, **values):
         def holds():
