@@ -135,6 +135,17 @@ def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
     assert plant.truth() == quick.truth()
 
 
+def test_slow_probe_feels_a_disturbance_until_the_next_tick():
+    """One that is cleared after it was measured acts on the step that begins there."""
+    plant = plant_of(noise=False, sensors=SLOW)
+    start_c = plant.truth().temperature_c
+    plant.set_disturbance("temperature", "step", 10.0)
+    plant.measure()
+    plant.set_disturbance("temperature", "none", 0.0)
+    plant.step()
+    assert temperatures(run(plant, [plant.applied])) == [pytest.approx(start_c + 10.0 * (1.0 - exp(-0.05)), abs=1e-4)]
+
+
 @pytest.mark.parametrize("kind", ["nan", "freeze", "dropout"])
 def test_slow_probe_goes_on_beneath_a_fault(kind):
     plant, faulty = (plant_of(sensors=SLOW) for _ in range(2))

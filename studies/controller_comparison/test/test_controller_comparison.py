@@ -101,7 +101,8 @@ def test_pages_say_what_was_measured(nominal):
     data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
     data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
-    runs = {DEFAULT: dict.fromkeys((*JUDGED, *study.VARIATIONS, *(f"rest {key}" for key in KEYS)), 1.5) | {"swings": 1}}
+    run = dict.fromkeys((*JUDGED, *study.VARIATIONS, *(f"rest {key}" for key in KEYS)), 1.5)
+    runs = {DEFAULT: run | {"swings": 1}, "nmpc:adaptive": run | {"swings": 0}}
     margins = {DEFAULT: {"temperature_gain": 2.1, "temperature_delay_s": 3.9}}
     random = {"plants": 3, "ratios": {}, "smith": {}, "swings": {DEFAULT: 2}}
     data["sensing"] = {"runs": {"lag 3 s": runs}, "margins": {"lag 3 s": margins}, "random": random}
