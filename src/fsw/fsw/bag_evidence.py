@@ -14,6 +14,7 @@ from fsw.outputs import check_new, write_json
 from fsw_quality.attestation import Attestation, Chain, attest, read_chain, verify_bag
 from fsw_quality.procedure import load, shipped
 from fsw_quality.signature import default_key, load_public, make_key
+from fsw_recorder import after_recording
 
 
 @command(
@@ -48,6 +49,7 @@ def attested(arguments: argparse.Namespace) -> int:
     key = private_key(arguments)
     procedure = load(arguments.procedure).identity if arguments.procedure else None
     for bag in arguments.bag:
+        after_recording.wait(bag, lambda text: print_notes([text]))
         made = attest(bag, arguments.chain, key, datetime.now(UTC), procedure, arguments.documents)
         print_notes(made.notes)
         print(f"{bag}: attested as weld {made.number} of {arguments.chain}, {len(made.files_sha256)} files")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from fsw.console import print_table
+from fsw.console import print_table, program
 from fsw.errors import CommandError
 from fsw.graph import CLEAR
 from fsw.operator_node import ask, graph_text, operator
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.diagnostic_names import local_name
+from fsw_control.reports_ros import OK
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchController
@@ -24,6 +28,9 @@ from fsw_schema.models import validate
 
 #: how long to go on listening after the first message
 _SETTLE_S = 1.0
+#: nodes report once a second; so long for one to be found and to report
+_REPORT_S = 2.5
+_SILENT = "measures and reports nothing; is it active? See"
 
 
 def reference(arguments: argparse.Namespace) -> int:
@@ -113,15 +120,21 @@ def status(arguments: argparse.Namespace) -> int:
         depths = node.watch(ShoulderDepth, "fsw/depth")
         torques = node.watch(SpindleTorque, "fsw/spindle_torque")
         temperatures = node.watch(Temperature, "fsw/thermocouple")
+        reports = node.watch(DiagnosticArray, "/diagnostics")
         received = (states, set_points, stated, commands, depths, torques, temperatures)
         if not node.wait_until(lambda: any(received)):
             raise CommandError(f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace")
         node.wait_until(lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S)
+        space = node.node.get_namespace()
+        if not depths:
+            node.wait_until(lambda: depths or _latest(reports, space, _measuring(node.node)), _REPORT_S)
+        sources = _measuring(node.node)
         # hidden ones, e.g. that of the ros2 command, begin with an underscore
         shown = (name for name in node.node_names() if name != "fsw_operator" and not name.startswith("_"))
         nodes = sorted(shown)
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
+    rows += source_rows(bool(depths), sources, _latest(reports, space, sources))
     for label, values, target, unit in (
         ("depth", [units.mm_from_m(one.depth) for one in depths], reference and reference.depth_mm, "mm"),
         ("temperature", [one.temperature for one in temperatures], reference and reference.temperature_c, "degC"),
@@ -141,8 +154,40 @@ def status(arguments: argparse.Namespace) -> int:
 
 def _publishers(node: Any) -> set[str]:
     """Names of the nodes whose topics this command shows."""
-    topics = ("fsw/depth", "fsw/supervisor/state", "fsw/command")
-    return {publisher.node_name for topic in topics for publisher in node.get_publishers_info_by_topic(topic)}
+    topics = ("fsw/supervisor/state", "fsw/command")
+    return _measuring(node) | {one.node_name for topic in topics for one in node.get_publishers_info_by_topic(topic)}
+
+
+def _measuring(node: Any) -> set[str]:
+    """Names of the nodes that publish measurements: the plant or the gateway, whether they measure now or not."""
+    return {publisher.node_name for publisher in node.get_publishers_info_by_topic("fsw/depth")}
+
+
+def _latest(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
+    """The newest diagnostics of these nodes by name (``NODE: PART``), without those of other welds."""
+    named = ((local_name(one.name, one.hardware_id, namespace), one) for array in reports for one in array.status)
+    return {name: one for name, one in named if name and name.partition(": ")[0] in nodes}
+
+
+def source_rows(measured: bool, sources: Collection[str], latest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the plant or the gateway reports that is not as it should be, and why nothing is measured.
+
+    Parameters
+    ----------
+    measured : bool
+        Whether a measurement has come.
+    sources : collection of str
+        Nodes that publish measurements.
+    latest : mapping
+        Their newest ``DiagnosticStatus`` by name.
+    """
+    rows = [(name, one.message) for name, one in sorted(latest.items()) if one.level != OK]
+    if not measured and not sources:
+        rows.append(("measurements", f"no plant or gateway offers any; see {program()} lifecycle list"))
+    elif not measured:
+        heard = {name.partition(": ")[0] for name in latest}
+        rows += [(name, f"{_SILENT} {program()} lifecycle get {name}") for name in sorted({*sources} - heard)]
+    return rows
 
 
 def _supervisor_rows(state: Any) -> list[tuple[str, str]]:

@@ -64,8 +64,8 @@ def _print(watched: Watched, process: str) -> None:
     print(f"{'alarms' if watched.alarms else 'no alarm'}, limits of process {process}")
     if watched.alarms:
         found = [(one, one.finding) for one in watched.alarms]
-        rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f"{f.confidence:.0%}", f.cause, f.advice) for a, f in found]
-        print_table(rows, ("from [s]", "to [s]", "sure", "cause", "advice"))
+        rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f.cause, f"{f.confidence:.0%}", f.advice) for a, f in found]
+        print_table(rows, ("from [s]", "to [s]", "cause", "confidence in this cause", "advice"))
     for name, (gain, error) in watched.gains.items():
         interval = f" ± {2.0 * error:.1%}" if isfinite(error) else ""
         print(f"gain of {name}: {gain:.1%}{interval} of the model's")

@@ -12,7 +12,6 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
@@ -45,14 +44,18 @@ class Operator:
     def wait_until(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Spin until a condition holds; False when it takes too long."""
         end = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
-        while not condition():
-            if time.monotonic() > end:
-                return False
+        while True:
             try:
+                if condition():
+                    return True
+                if time.monotonic() > end:
+                    return False
                 rclpy.spin_once(self.node, timeout_sec=0.05)
-            except ExternalShutdownException:  # by SIGTERM
+            except Exception:
+                if rclpy.ok():
+                    raise
+                # SIGTERM has shut ROS down, after which it raises various exceptions
                 raise KeyboardInterrupt from None
-        return True
 
     def answer(self, future: Any, name: str, extra_s: float = 0.0) -> Any:
         """Result of a future; CommandError when ``name`` does not answer in time."""

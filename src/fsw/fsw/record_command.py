@@ -15,6 +15,7 @@ from fsw_analysis.bag_labels import labels
 from fsw_quality import report
 from fsw_quality.procedure import load, shipped
 from fsw_quality.record import Record
+from fsw_recorder import after_recording
 
 
 @command(
@@ -38,6 +39,8 @@ def record(arguments: argparse.Namespace) -> int:
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")
+    for bag in arguments.bag:
+        after_recording.wait(bag, lambda text: print_notes([text]))
     several = len(bags) > 1
     folders = {
         name: arguments.out / name.replace("/", "_").replace(" ", "_") if several else arguments.out for name in bags

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Callable
-from math import degrees
+from math import degrees, inf
 from typing import Any
 
 from action_msgs.srv import CancelGoal
@@ -21,6 +21,8 @@ from fsw_scenario.scenario_file import load
 from fsw_scenario.weld_programme import State
 
 _ACTION = "fsw/run_weld"
+#: seconds of the weld between two lines of feedback where stdout is no terminal, as in a log
+_LOGGED_EVERY_S = 10.0
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -70,7 +72,7 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     if not node.wait_until(client.server_is_ready):
         full = node.node.resolve_topic_name(_ACTION)
         raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
-    answer = client.send_goal_async(goal, feedback_callback=_print_feedback)
+    answer = client.send_goal_async(goal, feedback_callback=FeedbackLines(sys.stdout.isatty()))
     if not node.wait_until(answer.done):
         print("waiting for the scenario player's answer", file=sys.stderr, flush=True)
         node.wait_until(lambda: answer.done() or not client.server_is_ready(), float("inf"))
@@ -88,8 +90,20 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     return result.result().result if result.done() else None
 
 
-def _print_feedback(message: Any) -> None:
-    now, kpi = message.feedback.progress, message.feedback.kpi
-    where = f"{now.phase} {degrees(now.angle):.1f} deg, {now.length:.3f} m, " if now.phase else ""
-    errors = f"IAE {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s"
-    print(f"{now.state}: {where}{now.time_left:.1f} s left, {errors}", flush=True)
+class FeedbackLines:
+    """Prints the feedback of a weld: on a terminal all of it, else every ten seconds of the weld and at changes."""
+
+    def __init__(self, all_of_it: bool) -> None:
+        self._all = all_of_it
+        self._at, self._left_s = ("", ""), inf  #: state and phase of the last line, and the time left then
+
+    def __call__(self, message: Any) -> None:
+        """Print a line if one is due."""
+        now, kpi = message.feedback.progress, message.feedback.kpi
+        at = (now.state, now.phase)
+        if not self._all and at == self._at and abs(self._left_s - now.time_left) < _LOGGED_EVERY_S:
+            return
+        self._at, self._left_s = at, now.time_left
+        where = f"{now.phase} {degrees(now.angle):.1f} deg, {now.length:.3f} m, " if now.phase else ""
+        errors = f"IAE {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s"
+        print(f"{now.state}: {where}{now.time_left:.1f} s left, {errors}", flush=True)

@@ -7,8 +7,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from fsw import commission_ros, weld_ros
+from fsw import commission_ros, graph_ros, operator_node, weld_ros
 from fsw.errors import CommandError
+from fsw_control.reports_ros import ERROR, OK
 
 POLLS = 3
 
@@ -64,6 +65,25 @@ def test_a_weld_whose_goal_is_answered_late_is_followed(player, capsys, answers,
     assert ("waiting for the scenario player's answer" in capsys.readouterr().err) == waits
 
 
+@pytest.mark.parametrize(("terminal", "shown"), [(True, 36), (False, 5)])
+def test_feedback_is_printed_as_it_comes_on_a_terminal_else_every_ten_seconds_and_at_changes(terminal, shown, capsys):
+    lines = weld_ros.FeedbackLines(terminal)
+    kpi = SimpleNamespace(depth_iae=0.0, temperature_iae=0.0)
+
+    def feed(state, phase, left_s):
+        progress = SimpleNamespace(state=state, phase=phase, angle=0.0, length=0.0, time_left=left_s)
+        lines(SimpleNamespace(feedback=SimpleNamespace(progress=progress, kpi=kpi)))
+
+    for left_s in range(60, 35, -1):  # at 60, 50 and 40 s
+        feed("running", "dwell", float(left_s))
+    for _ in range(10):  # time stands still: at the first
+        feed("held", "dwell", 36.0)
+    feed("running", "start", 36.0)
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == shown
+    assert out[-1] == "running: start 0.0 deg, 0.000 m, 36.0 s left, IAE 0 mm s, 0 degC s"
+
+
 def test_a_player_that_leaves_before_it_answers_is_told(player):
     player.answers, player.leaves = 10**6, 20
     with pytest.raises(CommandError, match="has left before it answered"):
@@ -94,3 +114,37 @@ def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(mo
 
     monkeypatch.setattr(commission_ros, "abort", no_answer)
     assert "a weld may go on, or begin yet" in commission_ros._aborted(None)
+
+
+@pytest.mark.parametrize(("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)])
+def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(monkeypatch, running, expected):
+    def spin_once(*_, **__):
+        raise RuntimeError("the context is invalid")
+
+    monkeypatch.setattr(operator_node.rclpy, "spin_once", spin_once)
+    monkeypatch.setattr(operator_node.rclpy, "ok", lambda: running)
+    with pytest.raises(expected):
+        operator_node.Operator(None, 1.0).wait_until(lambda: False)
+
+
+def test_status_tells_why_nothing_is_measured():
+    def status(level, message):
+        return SimpleNamespace(level=level, message=message)
+
+    latest = {"fsw_machine: connection": status(ERROR, "refused"), "fsw_machine: clock": status(OK, "not known yet")}
+    assert graph_ros.source_rows(False, {"fsw_machine"}, latest) == [("fsw_machine: connection", "refused")]
+    assert graph_ros.source_rows(True, {"fsw_machine"}, {"fsw_machine: clock": status(OK, "in step")}) == []
+    [(name, text)] = graph_ros.source_rows(False, {"fsw_machine"}, {})
+    assert name == "fsw_machine" and text.endswith("lifecycle get fsw_machine")
+    assert "offers any" in graph_ros.source_rows(False, set(), {})[0][1]
+
+
+def test_status_shows_the_newest_reports_of_its_own_weld():
+    def report(node, message):
+        status = SimpleNamespace(name=f"{node}: connection", hardware_id="cell1/fsw", message=message)
+        return SimpleNamespace(status=[status])
+
+    reports = [report("cell1/fsw_machine", "connecting"), report("cell2/fsw_machine", "lost")]
+    reports += [report("cell1/fsw_machine", "refused"), report("cell1/fsw_supervisor", "ok")]
+    latest = graph_ros._latest(reports, "/cell1", {"fsw_machine"})
+    assert {name: one.message for name, one in latest.items()} == {"fsw_machine: connection": "refused"}

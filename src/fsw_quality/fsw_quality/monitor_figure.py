@@ -49,7 +49,9 @@ def draw(watched: Watched, limits: Limits, title: str, file: Path) -> None:
             axes[4].barh(row, width, left=one.begin_s / 60.0, height=0.6, color="#d1495b", alpha=one.finding.confidence)
         axes[4].set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds], fontsize=8.0)
         axes[4].set_ylim(max(len(kinds), 1) - 0.5, -0.5)
-        axes[4].set_title("alarms; the darker, the surer" if kinds else "no alarm", fontsize=9.0, loc="left")
+        axes[4].set_title(
+            "alarms; the darker, the more certain is the cause" if kinds else "no alarm", fontsize=9.0, loc="left"
+        )
         axes[4].set_xlabel("time [min]")
         figure.align_ylabels()
         figure.savefig(file, dpi=110)

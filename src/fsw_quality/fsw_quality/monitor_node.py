@@ -149,7 +149,11 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             if one is None or not watched:
                 lines.append(Report(kind, OK, "no warning", {}))
                 continue
-            said = {"advice": one.advice, "confidence": f"{one.confidence:.2f}", one.figure: f"{one.value:.4g}"}
+            said = {
+                "advice": one.advice,
+                "confidence in this cause": f"{one.confidence:.0%}",
+                one.figure: f"{one.value:.4g}",
+            }
             lines.append(Report(kind, WARN, one.cause, said | {"limit": f"{one.limit:.4g}"}))
         self._diagnostics.publish(lines)
 

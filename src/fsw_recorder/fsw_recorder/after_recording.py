@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,6 +18,8 @@ LOG_NAME = "on_finished.log"
 BAG = "{bag}"
 #: they wait for everything else on the machine
 _NICENESS = 10
+#: of the commands' environment: they do not wait for themselves
+_WITHIN = "FSW_AFTER_RECORDING"
 
 
 def check(commands: Sequence[str]) -> None:
@@ -39,8 +42,36 @@ def start(commands: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
         No process can be started.
     """
     words = [sys.executable, "-m", "fsw_recorder.after_recording", str(folder), *commands]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    return subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, env=environment)
+    path = os.pathsep.join(path for path in sys.path if path)
+    environment = {**os.environ, "PYTHONPATH": path, _WITHIN: str(folder)}
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a network's file system may have no locks
+            fcntl.flock(lock, fcntl.LOCK_EX)  # until that process ends, which inherits it
+        return subprocess.Popen(
+            words, stdin=subprocess.DEVNULL, start_new_session=True, env=environment, pass_fds=[lock]
+        )
+    finally:
+        os.close(lock)
+
+
+def wait(folder: Path, say: Callable[[str], object]) -> None:
+    """Return once the commands of a bag have ended; ``say`` is told in words that this waits for them.
+
+    It does not wait for commands of a recorder on another computer, nor within such a command.
+    """
+    if _WITHIN in os.environ or not folder.is_dir() or not os.access(folder, os.R_OK):
+        return
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say(f"waiting for what the recorder runs with the finished bag; {folder / LOG_NAME} will tell of it")
+        fcntl.flock(lock, fcntl.LOCK_SH)
+    except OSError:  # no locks here
+        pass
+    finally:
+        os.close(lock)
 
 
 def run(commands: Sequence[str], folder: Path) -> str:

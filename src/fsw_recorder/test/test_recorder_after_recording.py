@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from std_msgs.msg import String
 
 from fsw_recorder import after_recording
-from fsw_recorder.after_recording import LOG_NAME, check, run
+from fsw_recorder.after_recording import LOG_NAME, check, run, start, wait
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import read_manifest
@@ -49,6 +50,29 @@ def test_a_failure_is_one_line_and_ends_it(tmp_path: Path, command: str, said: s
 def test_what_is_no_command_is_refused_at_the_start(command: str, said: str) -> None:
     with pytest.raises(BagError, match=said):
         check([command])
+
+
+def test_who_reads_the_bag_waits_for_what_runs_and_within_it_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    wait(tmp_path, told.append)  # a bag without commands
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    process = start([f"{PYTHON} 'open(\"{pipe}\").read()'"], tmp_path)
+
+    def let_it_end(text: str) -> None:
+        told.append(text)
+        pipe.write_text("go on", encoding="utf-8")
+
+    with monkeypatch.context() as within:
+        within.setenv("FSW_AFTER_RECORDING", str(tmp_path))
+        wait(tmp_path, told.append)
+    assert not told
+    wait(tmp_path, let_it_end)
+    assert len(told) == 1 and "exit code 0" in (tmp_path / LOG_NAME).read_text(encoding="utf-8")
+    wait(tmp_path, told.append)
+    assert len(told) == 1 and process.wait() == 0
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from fsw_control.topics_ros import STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
 from fsw_scenario.emulator_events_ros import emulator_listens
+from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
@@ -39,12 +40,16 @@ from fsw_schema.models import InputError
 ACTION = "fsw/run_weld"
 #: how long this node may take to answer its own goal, on a machine that stands still (chosen)
 _OWN_GOAL_S = 60.0
+#: for so long a player must have seen no other before it begins, so that two that start together see each other; the
+#: plant looks for another one as long (chosen)
+ALONE_S = 0.5
 
 
 class ScenarioNode(Node):
     """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
-    A scenario given at start is a goal that the node sends to itself; when it is over the process ends.
+    A scenario given at start is a goal that the node sends to itself; when it is over the process ends. At most one
+    player begins a weld in a namespace: of two that see each other none does, until one of them has left.
 
     Raises
     ------
@@ -78,6 +83,7 @@ class ScenarioNode(Node):
         )
         self._client = None if self._own is None else ActionClient(self, RunWeld, ACTION)
         self._sent: Future | None = None
+        self._alone_long = HeldFor(ALONE_S)
         self._began_s = time.monotonic()
         self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if self._own is None:
@@ -88,13 +94,15 @@ class ScenarioNode(Node):
     def _on_watch(self) -> None:
         if self._client is None:
             return
+        alone = self._is_alone()
+        settled = self._alone_long(alone, time.monotonic())
         if self._ended is not None:
             self._end_process(self._ended)
-        elif self._sent is None and self._client.server_is_ready() and self._is_alone():
+        elif self._sent is None and settled and self._client.server_is_ready():
             self._sent = self._client.send_goal_async(self._own)
             self._sent.add_done_callback(self._on_answer)
         elif self.weld is None:
-            alone, silence_s = self._is_alone(), self._settings["silence_timeout_s"]
+            silence_s = self._settings["silence_timeout_s"]
             if not alone:
                 self.get_logger().warning(
                     f"another scenario player runs; this one waits {silence_s:g} s for it to end", once=True
@@ -106,8 +114,7 @@ class ScenarioNode(Node):
 
     def _is_alone(self) -> bool:
         """Whether no other player would get the goal; one that was killed is seen until its lease ends."""
-        me = (self.get_name(), self.get_namespace())
-        return self.get_node_names_and_namespaces().count(me) < 2
+        return self.count_publishers(f"{self.resolve_topic_name(ACTION)}/_action/status") < 2
 
     def _on_answer(self, future: Future) -> None:
         handle: Any = future.result()
@@ -155,6 +162,10 @@ class ScenarioNode(Node):
             if goal != self._own or self._ended is not None:
                 raise InputError(f"this player has been started for {self._start.name}")
             return self._start
+        if not self._is_alone():
+            raise InputError(
+                "another scenario player would get the goal, too; end one, and send it again in ten seconds"
+            )
         if not goal.scenario.strip():
             raise InputError("scenario is empty; give a shipped one, a file, or YAML text")
         as_text = "\n" in goal.scenario or goal.scenario.lstrip().startswith("{")

@@ -11,11 +11,14 @@ from rclpy.publisher import Publisher
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_msgs.action import RunWeld
 from fsw_msgs.srv import SetMode
 from fsw_scenario.audience_ros import Audience
+from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
-from fsw_scenario.scenario_node import ScenarioNode
+from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
+from fsw_schema.models import InputError
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
@@ -160,6 +163,33 @@ def test_audience_is_complete_when_set_points_and_plan_reach_all_that_listen(unm
     assert audience.is_complete()
     matched[unmatched] -= 1
     assert not audience.is_complete()
+
+
+@pytest.mark.parametrize("seen_after_s", [0.0, 0.2, 0.45])
+@pytest.mark.parametrize("later_s", [0.0, 0.01, 0.3, 0.6, 2.0])
+def test_of_two_players_at_most_one_begins(seen_after_s, later_s):
+    """However they start, if they see each other within the time for which a player has to be alone."""
+    players = [(0.0, HeldFor(ALONE_S)), (later_s, HeldFor(ALONE_S))]
+    begun = set()
+    seen_s = later_s + seen_after_s
+    for now_s in (0.05 * n for n in range(100)):
+        for which, (started_s, alone_long) in enumerate(players):
+            if now_s >= started_s and alone_long(now_s < seen_s, now_s):
+                begun.add(which)
+    assert len(begun) <= 1 and (later_s < ALONE_S or begun == {0})
+    assert len(begun) == 1 or seen_s < ALONE_S + 0.05
+
+
+def test_a_player_does_not_take_a_goal_that_another_one_would_get_too(monkeypatch):
+    monkeypatch.setattr(ScenarioNode, "_is_alone", lambda _: False)
+    rclpy.init(args=[])
+    try:
+        player = ScenarioNode("")
+        with pytest.raises(InputError, match="another scenario player"):
+            player._scenario_of(RunWeld.Goal(scenario="quick"))
+        player.destroy_node()
+    finally:
+        rclpy.try_shutdown()
 
 
 def test_second_player_says_that_it_waits_for_the_first_one(monkeypatch, capfd):

@@ -1,0 +1,20 @@
+"""Whether a condition has held for some time."""
+
+from __future__ import annotations
+
+
+class HeldFor:
+    """Tells whether a condition has held for ``duration_s``, as far as it was looked at."""
+
+    def __init__(self, duration_s: float) -> None:
+        self._duration_s = duration_s
+        self._since_s: float | None = None
+
+    def __call__(self, condition: bool, now_s: float) -> bool:
+        """Look at it; ``now_s`` is a monotonic time."""
+        if not condition:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = now_s
+        return now_s - self._since_s >= self._duration_s
