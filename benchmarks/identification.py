@@ -4,7 +4,8 @@
 Once without disturbances, and once with a random one of the process or a sensor in each weld: how often is a parameter
 then off by more than three of its standard deviations, and how often without a word about a disturbance? And on whole
 welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, which have another structure: how well does
-the identified model predict another weld, compared with the paper's?
+the identified model predict another weld, compared with the paper's? And on plants with other
+sensors than the model's, with noise that is correlated or a thermocouple that lags.
 
 usage: identification.py [--quick] [--foreign | --whole COUNT] [--json FILE]
 """
@@ -30,7 +31,7 @@ import numpy as np
 import yaml
 from report import parser, save, show
 
-from controller_comparison.processes import RANDOM, random_factors
+from controller_comparison.processes import RANDOM, SENSING, random_factors
 from fsw_campaign.definition import load
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
@@ -59,6 +60,8 @@ AIMS = {
 SPANS = RANDOM | {"model.depth_pole_slow_s": (0.8, 1.25), "model.motor_lag_s": (0.7, 1.4)}
 _95 = 1.96
 EXPERIMENT, WHOLE_WELD = "identify_closed_loop", "canister_weld"
+#: what is predicted where the plant starts in equilibrium
+JUDGE = "reference_tracking"
 #: of a weld on a canister, until what was before it is over
 SETTLED_TICKS = 600
 #: a relative error that matters
@@ -102,20 +105,30 @@ def disturbance(index):
 def one(job):
     """Weld and identify one plant: relative error and standard deviation of every parameter, seconds, excursions."""
     index, factors, event, name = job
-    overrides = [f"plant.seed={index + 1}", *(f"plant.{name}={factor!r}" for name, factor in factors.items())]
+    signals = welded(name, {"seed": index + 1, **factors}, event)
+    began = time.process_time()
+    fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
+    seconds = time.process_time() - began
+    moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
+    return *errors_of(fit, factors), seconds, moved, disturbances(fit)
+
+
+def welded(name, plant, event=None):
+    """Signals of a closed-loop weld with these parameters of the plant."""
+    overrides = [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
     content = content_of(text_of(name))
     if event is not None:
         content["events"] = sorted([*content["events"], event], key=lambda one: one["at_s"])
     scenario = parse(yaml.safe_dump(content), name, overrides)
-    signals = ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
-    began = time.process_time()
-    fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
-    seconds = time.process_time() - began
-    truth = nominal().scaled(**{name.removeprefix("model."): factor for name, factor in factors.items()})
+    return ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
+
+
+def errors_of(fit, factors):
+    """Relative error and standard deviation of every parameter."""
+    model = {name.removeprefix("model."): of for name, of in factors.items() if name.startswith("model.")}
+    truth = nominal().scaled(**model)
     errors = {name: getattr(fit.parameters, name) / getattr(truth, name) - 1.0 for name in fit.free}
-    deviations = {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
-    moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
-    return errors, deviations, seconds, moved, disturbances(fit)
+    return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
 def identified(name, jobs):
@@ -155,15 +168,21 @@ def of_disturbed(drawn):
     }
 
 
+def deviations_of(runs):
+    """By how many standard deviations each parameter is off in all runs that tell it."""
+    off = {}
+    for errors, deviations, *_ in runs:
+        for name, error in errors.items():
+            off.setdefault(name, []).append(abs(error) / deviations[name])
+    return off
+
+
 def of_whole_welds(drawn):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
     runs = identified("whole weld", [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)])
     if not runs:
         return {"whole_welds": 0}
-    off = {}
-    for errors, deviations, *_ in runs:
-        for name, error in errors.items():
-            off.setdefault(name, []).append(abs(error) / deviations[name])
+    off = deviations_of(runs)
     every = [one for values in off.values() for one in values]
     gain = [abs(errors["depth_gain_mm_per_kn_s"]) for errors, *_ in runs if "depth_gain_mm_per_kn_s" in errors]
     result = {
@@ -211,13 +230,56 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    usual = prediction_errors(judged, nominal())
-    free, steady = (prediction_errors(judged, identify(taught, steady=how).parameters) for how in (False, True))
-    ratios = {key: free[key] / usual[key] for key in usual}
-    return ratios | {f"steady_{key}": steady[key] / usual[key] for key in usual}
+    free, steady = (
+        over_the_papers(judged, identify(taught, steady=how).parameters, SETTLED_TICKS) for how in (False, True)
+    )
+    return free | {f"steady_{key}": ratio for key, ratio in steady.items()}
 
 
-def prediction_errors(segments, model):
+def over_the_papers(judged, model, settled):
+    """Errors of predictions by a model over those of the paper's model."""
+    own, papers = (prediction_errors(judged, one, settled) for one in (model, nominal()))
+    return {key: own[key] / papers[key] for key in own}
+
+
+def of_sensors(drawn):
+    """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
+    result = {}
+    for kind, sensors in SENSING.items():
+        runs = list(on_all_cores(sensed, [(i, factors, sensors) for i, factors in enumerate(drawn)]))
+        off = deviations_of(runs)
+        every = [one for values in off.values() for one in values]
+        found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
+        found["inside_95_percent"] = percent(one <= _95 for one in every)
+        found["beyond_3_deviations_percent"] = percent(one > BIASED for one in every)
+        found["told"] = sum(bool(told) for *_, told in runs)
+        for name in AIMS:
+            if sizes := [abs(errors[name]) for errors, *_ in runs if name in errors]:
+                found[f"{name}_median_percent"] = 100.0 * statistics.median(sizes)
+        for key in runs[0][2]:
+            ratios = [ratios[key] for _, _, ratios, _ in runs]
+            found[f"{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
+            found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = statistics.median(ratios), max(ratios)
+        result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
+        print(f"{kind}: {len(runs)} plants", file=sys.stderr, flush=True)
+    return result
+
+
+def percent(flags):
+    """Share of those that are true."""
+    return 100.0 * statistics.mean(map(float, flags))
+
+
+def sensed(job):
+    """Identify a plant with such sensors: errors, standard deviations, ratios of errors of predictions, excursions."""
+    index, factors, sensors = job
+    lag_s = specs()["actuators.lag_s"].default
+    fit = identify(prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors}), lag_s).segments)
+    judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
+    return *errors_of(fit, factors), over_the_papers(judged, fit.parameters, 0), disturbances(fit)
+
+
+def prediction_errors(segments, model, settled):
     """RMS error of a model one tick and 30 s ahead: of the change of an output, by the inputs and the other outputs."""
     found = {}
     for output, name in enumerate(OUTPUTS):
@@ -225,7 +287,7 @@ def prediction_errors(segments, model):
             wrong = []
             for segment in segments:
                 response = respond(output, model, segment, measured(segment, model))
-                left = (segment.measured[:, output] - response.factor * response.course)[SETTLED_TICKS:]
+                left = (segment.measured[:, output] - response.factor * response.course)[settled:]
                 wrong.append(left[ticks:] - left[:-ticks])
             wrong = np.concatenate(wrong)
             found[f"{name}_{ticks}_ticks"] = float(np.sqrt(np.nanmean(wrong**2)))
@@ -237,11 +299,12 @@ def main():
     options = parser(
         __doc__, "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters"
     )
-    options.add_argument("--foreign", action="store_true", help="only the canisters")
+    options.add_argument("--foreign", action="store_true", help="only the canisters and the other sensors")
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
     arguments = options.parse_args()
     if arguments.foreign:
         result = of_foreign(2 if arguments.quick else 12)
+        result |= of_sensors(random_factors(2 if arguments.quick else 12, SPANS))
         show(result)
         save(result, arguments.json)
         return 0
@@ -278,6 +341,7 @@ def main():
     result |= of_disturbed(drawn[: 8 if arguments.quick else 60])
     result |= of_whole_welds(drawn[: 2 if arguments.quick else 12])
     result |= of_foreign(2 if arguments.quick else 12)
+    result |= of_sensors(drawn[: 2 if arguments.quick else 12])
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))

@@ -34,8 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if parsed.fresh or data.get("software") != versions():  # rows of another version of the software do not count
             data = {"software": versions(), "random": {}}
         parts = {"nominal": study.nominal, "saturated": lambda: study.saturated(welds), "drifts": study.drifts}
-        for name, part in (parts | {"margins": study.robustness, "noise": study.noise}).items():
-            data[name] = part()
+        for name, part in (parts | {"margins": study.robustness, "noise": study.noise, "late": study.late}).items():
+            if name not in data:
+                data[name] = part()
+                numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
         while (first := len(data["random"])) < parsed.plants:  # kept by and by: a run that is ended goes on there
             data["random"] |= study.random_plants(first, min(first + _AT_ONCE, parsed.plants))
             numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,17 @@ from fsw_analysis.figure_style import STYLE, colours_of
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import table, templates
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_scenario.standard_cases import CASES, DEFAULT, EVENTS, SMITH, TIGHT
+from fsw_scenario.standard_cases import CASES, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
 
 #: What must not be lost by adapting: a share of any figure.
 TOLERATED = 1.1
 #: A difference of two runs is beyond noise if it is more than so many of its standard deviations.
 BEYOND_NOISE = 2.0
+#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
+STEADY_C = 12.0
+#: Figures of a late response, by their titles.
+LATE = {"largest error [°C]": "peak_c", "still moving [°C]": "moves_c"}
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
 
@@ -80,14 +84,12 @@ def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
     return int((r > max(TOLERATED, 1.0 + BEYOND_NOISE * 2.0**0.5 * sigma)).sum())
 
 
-def against(plants: Plants, rival: str, keys: Collection[str] = (), noise: Mapping[str, float] | None = None) -> Rows:
-    """How the adapting controller's figures compare with another's, over the plants; ``keys``: only these."""
+def against(plants: Plants, rival: str, noise: Mapping[str, float] | None = None) -> Rows:
+    """How the adapting controller's figures compare with another's, over the plants."""
     rows = [["figure", "median", "95 %", "worst", "there", f"worse than × {TOLERATED:g}"]]
     if noise:
         rows[0] += ["noise, σ", "and beyond it"]
     for key, title in figures(plants).items():
-        if keys and key not in keys:
-            continue
         r = ratio(plants, ADAPTIVE, [rival], key)
         numbers = (f"{value:.2f}" for value in (np.median(r), np.percentile(r, 95.0), r.max()))
         runs = plants[int(r.argmax())]
@@ -134,6 +136,21 @@ def saturation(data: Mapping[str, Mapping[str, float]]) -> Rows:
     return rows + [[name, *(f"{value:.3g}" for value in found.values())] for name, found in data.items()]
 
 
+def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
+    """Worst over gain and lag, by dead time, where the tuning itself does not swing."""
+    rows = [
+        ["dead time beyond the model's [s]", "processes", *(f"{what}, {c}" for what in LATE for c in (FIXED, ADAPTIVE))]
+    ]
+    rows[0].append(f"IAE worse than × {TOLERATED:g}")
+    for later_s in dict.fromkeys(one["later_s"] for one in data):
+        kept = [one for one in data if one["later_s"] == later_s and one[FIXED]["peak_c"] < STEADY_C]
+        worst = (max(one[c][key] for one in kept) for key in LATE.values() for c in (FIXED, ADAPTIVE))
+        worse = sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in kept)
+        of = sum(one["later_s"] == later_s for one in data)
+        rows.append([f"{later_s:g}", f"{len(kept)} of {of}", *(f"{value:.1f}" for value in worst), f"{worse}"])
+    return rows
+
+
 def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
     plants = ran(data["random"])
@@ -141,13 +158,13 @@ def page(data: Mapping[str, Any]) -> str:
     tables = {
         "tight": shares(plants, [TIGHT]),
         "adapting": against(plants, FIXED, noise=data["noise"]),
-        "default": against(plants, DEFAULT, JUDGED),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
         "all": all_figures(plants),
         "drifts": drift_rows(data["drifts"]),
         "margins": margin_rows(data["margins"]),
+        "late": late_rows(data["late"]),
     }
     tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return (
@@ -165,6 +182,9 @@ def page(data: Mapping[str, Any]) -> str:
             beyond_noise=BEYOND_NOISE,
             noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS)),
             compared=len(plants) * len(figures(plants)),
+            of_dead_times=len(data["late"]),
+            worse_late=sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in data["late"]),
+            steady=STEADY_C,
         )
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,8 +18,9 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Command
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
+from fsw_model import nominal as nominal_parameters
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
-from fsw_scenario.standard_runs import Figures, Job, failed, loop_of, run_all, weld
+from fsw_scenario.standard_runs import Figures, Job, failed, loop_of, on_all_cores, run_all, weld
 
 ADAPTIVE = "nmpc:adaptive"
 #: The same tuning with the gain and dead time of the model, and without its test for heat.
@@ -31,6 +33,10 @@ SEED = 31415
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
 #: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
 NOISY_PLANTS, NOISE_SEEDS = 5, (1, 2, 3, 4)
+#: Dead times beyond the model's, factors on the gain and on the copper's lag: every combination.
+LATER_S, GAINS, LAGS = (-1.0, 0.0, 1.0, 2.0, 3.0, 4.0), (0.5, 1.0, 2.0), (0.5, 1.0, 2.0)
+#: Last ticks of the set-points' case, after the last step of the temperature, in which what still swings is seen.
+_LATE_TICKS = 250
 _HERE = Path(__file__).parent
 #: Set-points go down by 0.2 mm here.
 SATURATED = str(_HERE / "saturated.yaml")
@@ -99,6 +105,38 @@ def noise() -> dict[str, float]:
         for i in range(NOISY_PLANTS)
     ]
     return {key: _scatter([[run[key] for run in runs] for runs in of]) for key in of[0][0] if key != "swings"}
+
+
+def _late(job: Job) -> dict[str, float]:
+    """Largest error of the temperature, how far it still moves at the end, and its IAE."""
+    truth, reference = (signals := weld(job)).truth, signals.reference_temperature_c
+    assert truth is not None  # a simulation has it
+    error = truth.temperature_c - reference
+    return {
+        "peak_c": float(np.abs(error).max()),
+        "moves_c": float(np.ptp(error[-_LATE_TICKS:])),
+        "iae_c_s": STEP_S * float(np.abs(error).sum()),
+    }
+
+
+def late() -> list[dict[str, Any]]:
+    """Set-points, with noise, on a grid of dead time, gain and lag; with and without adaptation."""
+    dead_s = nominal_parameters().dead_time_s
+    grid = list(product(LATER_S, GAINS, LAGS))
+    with controllers() as made, ProgressBar("dead times") as bar:
+        jobs = []
+        for later_s, gain, lag in grid:
+            plant = {"model.dead_time_s": 1.0 + later_s / dead_s}
+            plant |= {"model.thermal_gain_c_per_kw": gain, "model.copper_lag_s": lag}
+            jobs += [Job(made[c][0], "tracking", True, plant, made[c][1]) for c in (FIXED, ADAPTIVE)]
+        found = []
+        for figures_of_one in on_all_cores(_late, jobs, chunksize=4):
+            found.append(figures_of_one)
+            bar(len(found) / len(jobs))
+    return [
+        {"later_s": later_s, "gain": gain, "lag": lag, FIXED: fixed, ADAPTIVE: adaptive}
+        for (later_s, gain, lag), fixed, adaptive in zip(grid, found[::2], found[1::2], strict=True)
+    ]
 
 
 def _scatter(values: Sequence[Sequence[float]]) -> float:

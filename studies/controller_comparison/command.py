@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from clairvoyant_bounds.bounds import bounds
-from controller_comparison import figures, other_models, report, study
+from controller_comparison import figures, other_models, report, sensing, study
 from controller_comparison.processes import SWEEP
 from fsw_scenario.standard_runs import draw_sweep
 
@@ -34,6 +34,7 @@ def compare(out: Path, plants: int) -> dict[str, Any]:
     data |= {"margins": study.margins(), "aggressiveness": study.aggressiveness(), "wins": study.wins()}
     data |= {"matched": study.matched(), "below_noise": study.below_noise(), "corridors": study.corridors()}
     data["random"] = study.random_plants(plants)
+    data["sensing"] = sensing.study(data["matched"]["slower"], max(1, plants // 5))
     figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
     figures.random_plants(data["random"], out / "random_plants.png")
     return data

@@ -46,6 +46,15 @@ FIXED = (
     *("torque × 0.85", "softening × 0.5", "softening × 2", "thermal lag × 0.5", "thermal lag × 2"),
     *("dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s", "loop latency 0.1 s"),
 )
+SENSORS = ("depth", "torque", "temperature")
+#: Noise of the nominal size that is correlated, and a lag of the thermocouple's probe. No controller knows of them. The
+#: times are chosen.
+SENSING: dict[str, dict[str, float]] = {
+    "white, no lag": {},
+    **{f"correlated {s:g} s": {f"sensors.{of}_noise_correlation_s": s for of in SENSORS} for s in (1.0, 5.0)},
+    **{f"lag {s:g} s": {"sensors.temperature_lag_s": s} for s in (1.0, 3.0)},
+}
+SENSING["correlated 5 s, lag 3 s"] = SENSING["correlated 5 s"] | SENSING["lag 3 s"]
 #: Ranges of the factors of the random processes.
 RANDOM: dict[str, tuple[float, float]] = {
     "model.thermal_gain_c_per_kw": (0.7, 1.4),
@@ -56,6 +65,11 @@ RANDOM: dict[str, tuple[float, float]] = {
     "model.sliding_friction": (0.9, 1.1),
     "model.softening_per_c": (0.5, 2.0),
     "model.dead_time_s": (1.8 / DEAD_TIME_S, 3.8 / DEAD_TIME_S),
+}
+#: The same with sensors that differ, too.
+RANDOM_SENSING = RANDOM | {
+    **{f"sensors.{of}_noise_correlation_s": (0.0, 5.0) for of in SENSORS},
+    "sensors.temperature_lag_s": (0.0, 3.0),
 }
 
 

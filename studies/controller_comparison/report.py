@@ -22,6 +22,7 @@ PAGES = {
     "other-models": "other_models",
     "losses": "wins",
     "corridors": "corridors",
+    "sensors": "sensing",
 }
 #: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
@@ -134,6 +135,33 @@ def small_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     return rows
 
 
+def sensing_rows(data: Mapping[str, Mapping[str, Any]], keys: tuple[str, str]) -> Rows:
+    """Two figures of every controller with every kind of sensors."""
+    names = list(next(iter(data.values())))
+    return [["", *data], *([name, *(_pair(of[name], keys) for of in data.values())] for name in names)]
+
+
+def _pair(of: Mapping[str, float], keys: tuple[str, str]) -> str:
+    return " / ".join(f"{of[key]:.3g}" for key in keys)
+
+
+def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
+    """With which sensors an output oscillates for good, in how many of the welds of a controller."""
+    found = []
+    for kind, of in data.items():
+        if names := [f"{name} ({run['swings']} of {welds} welds)" for name, run in of.items() if run["swings"]]:
+            found.append(f"{kind}: {', '.join(names)}")
+    return found
+
+
+def lag_rows(data: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Rows:
+    """Gain and delay margin of the temperature by lag of the probe."""
+    rows = [["gain margin, delay margin", *data]]
+    for name in next(iter(data.values())):
+        rows.append([name, *(", ".join(texts(of[name]).values()) for of in data.values())])
+    return rows
+
+
 def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
     """Smallest and largest error of the matched NMPC as shares of a rival's, in words."""
     shares = [100.0 * data[MATCHED][key] / data[rival][key] for key in JUDGED]
@@ -207,6 +235,9 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
         matched_rows,
         matched_share,
         small_rows,
+        sensing_rows,
+        swinging,
+        lag_rows,
         corridor_rows,
         knob_rows,
         random_rows,
@@ -216,10 +247,13 @@ def pages(data: Mapping[str, Any]) -> dict[str, str]:
     environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
     environment.globals |= {
         "default": DEFAULT,
+        "matched_label": MATCHED,
         "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
     }
     parts = {
-        **dict.fromkeys(("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "wins")),
+        **dict.fromkeys(
+            ("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "sensing", "wins")
+        ),
         **data,
     }
     return {

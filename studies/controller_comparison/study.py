@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from controller_comparison.processes import BELOW_NOISE, FIXED, REST, SWEEP, VALIDATION_CASES, random_factors
+from controller_comparison.processes import BELOW_NOISE, FIXED, RANDOM, REST, SWEEP, VALIDATION_CASES, random_factors
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
 from fsw_scenario import standard_runs
@@ -85,9 +85,9 @@ def sweep(processes: Mapping[str, Mapping[str, float | str]]) -> dict[str, Any]:
         return standard_runs.sweep({label: {} for label in FINALISTS}, processes, bar)
 
 
-def random_plants(count: int) -> dict[str, Any]:
+def random_plants(count: int, spans: Mapping[str, tuple[float, float]] = RANDOM) -> dict[str, Any]:
     """The sweep on random processes: ratios to the better PI and to smith, and on how many an output oscillates."""
-    data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count))})
+    data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count, spans))})
     swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
     return {"plants": count, "ratios": ratios(data), "smith": ratios(data, (SMITH,)), "swings": swings}
 
@@ -110,16 +110,19 @@ def _margins(label: str) -> dict[str, float]:
 def matched() -> dict[str, Any]:
     """With noise and a tick of loop latency: the finalists, and the NMPC slowed to the margins of the tight PI."""
     slower = slower_for(Loops(TIGHT).margins())
-    knob = {"temperature_aggressiveness": 1.0 / slower}
-    entrants: dict[str, tuple[str, dict[str, float]]] = {label: (label, {}) for label in FINALISTS}
-    entrants[MATCHED] = (DEFAULT, knob)
     data: dict[str, Any] = {"slower": slower, "entrants": {}}
-    for name, (label, parameters) in entrants.items():
+    for name, (label, parameters) in entrants(FINALISTS, slower).items():
         runs = {case: standard_runs.figures(Job(label, case, True, LATENCY, parameters)) for case in CASES}
         moved = {key: runs["tracking"][key] for key in VARIATIONS}
         iae = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
         data["entrants"][name] = Loops(label, parameters).temperature() | iae | moved
     return data
+
+
+def entrants(labels: Sequence[str], slower: float) -> dict[str, tuple[str, dict[str, float]]]:
+    """Label and parameters of controllers by name, and of the NMPC slowed by this factor."""
+    matched = {MATCHED: (DEFAULT, {"temperature_aggressiveness": 1.0 / slower})}
+    return {**{label: (label, {}) for label in labels}, **matched}
 
 
 def below_noise() -> dict[str, dict[str, float]]:

@@ -37,6 +37,7 @@ _TUNABLE = (
     "limits.speed_rate_rpm_per_s",
     "actuators.lag_s",
     "sensors.torque_drop_nm_per_rpm",
+    "sensors.temperature_lag_s",
 )
 
 

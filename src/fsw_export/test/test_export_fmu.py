@@ -92,7 +92,12 @@ def test_units_are_those_of_the_project() -> None:
 
 
 @pytest.mark.parametrize(
-    "values", [{}, {"model.thermal_gain_c_per_kw": 1.2, "actuators.lag_s": 0.3}, {"model.dead_time_s": 0.1}]
+    "values",
+    [
+        {},
+        {"model.thermal_gain_c_per_kw": 1.2, "actuators.lag_s": 0.3, "sensors.temperature_lag_s": 1.5},
+        {"model.dead_time_s": 0.1},
+    ],
 )
 def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str, float]) -> None:
     """Also with a start, drives and a sensor that are set as the FMU's parameters, and with all disturbances."""

@@ -101,8 +101,8 @@ class Library(CController):
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
-        kept = ("estimator", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s")
-        for name in (*kept, "bad_cycles", "plan"):
+        kept = ("estimator", "adaptation", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference")
+        for name in (*kept, "late_s", "bad_cycles", "plan"):
             setattr(self.state, name, getattr(other.state, name))
         plan = self.state.plan
         moves = np.array(list(plan.moves)).reshape(-1, 2)[other.horizon.interval_block]

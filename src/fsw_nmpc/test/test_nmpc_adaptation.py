@@ -18,13 +18,21 @@ NOISE = (2e-3, 2.0, 0.1)
 HOTTER = Reference(2.66, 826.4)
 
 
+@pytest.fixture
+def not_adapting(tmp_path):
+    """A tuning file that switches the adaptation off."""
+    file = tmp_path / "not_adapting.yaml"
+    file.write_text("estimator: {thermal_gain_walk: 0, delay_walk_s: 0, heat_sigmas: 0}")
+    return file
+
+
 class Welding(Loop):
     """A loop with sensor noise, and what its estimator has found."""
 
     def __init__(self, preset="adaptive", noise=True, **factors):
         super().__init__(NmpcController({"preset": preset}), ProcessModel(P.scaled(**factors)))
         self.rng = np.random.default_rng(5) if noise else None
-        self.found, self.applied_rpm = [], []
+        self.found, self.used, self.applied_rpm, self.error_c = [], [], [], []
 
     def run(self, seconds, reference=TARGET, **changes):
         for _ in range(round(10 * seconds)):
@@ -35,7 +43,10 @@ class Welding(Loop):
             own = dict(zip(("depth_mm", "torque_nm", "temperature_c"), map(float, values), strict=True))
             self.step(reference, **(own | changes))
             x = self.controller.library.state.estimator.x
+            used = self.controller.library.state.adaptation
             self.found.append((x[GAIN], x[DELAY]))
+            self.used.append((used.gain, used.delay_s))
+            self.error_c.append(self.shown.temperature_c - reference.temperature_c)
             self.applied_rpm.append(self.applied.speed_rpm)
         return self.found[-1]
 
@@ -48,6 +59,7 @@ class Welding(Loop):
         ({"thermal_gain_c_per_kw": 0.75, "copper_lag_s": 1.3}, 0.75 / 1.3, 0.0),
         ({"dead_time_s": 1.8 / 2.8}, 1.0, -1.0),
         ({"dead_time_s": 3.6 / 2.8, "thermal_gain_c_per_kw": 1.3}, 1.3, 0.8),
+        ({"dead_time_s": 4.8 / 2.8}, 1.0, 2.0),
         ({}, 1.0, 0.0),
     ],
 )
@@ -74,6 +86,54 @@ def test_knowing_them_makes_the_next_step_better():
     assert error("adaptive") < 0.8 * error("default")
 
 
+STEPS = (TARGET, HOTTER, TARGET, HOTTER)
+
+
+def errors_c(tuning_file, **factors):
+    """Error of the temperature over steps of 10 degC, 40 s each, with and without adaptation."""
+    loop = Welding(**factors)
+    loop.controller.configure({"tuning_file": str(tuning_file)})
+    for reference in STEPS:
+        loop.run(40, reference)
+    return np.array(loop.error_c[400:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", [1.0, 2.0])
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("later_s", [2.0, 3.0])
+def test_a_late_response_does_not_pass_for_a_weak_one(not_adapting, later_s, gain, lag):
+    """With one range of the delay, that ends at 1 s, the temperature swung by several steps."""
+    factors = {"dead_time_s": 1.0 + later_s / 2.8, "thermal_gain_c_per_kw": gain, "copper_lag_s": lag}
+    adapting, fixed = errors_c("", **factors), errors_c(not_adapting, **factors)
+    step_c = HOTTER.temperature_c - TARGET.temperature_c
+    assert np.abs(adapting).max() < 1.2 * max(step_c, np.abs(fixed).max())
+    assert np.sqrt((adapting**2).mean()) < 1.1 * np.sqrt((fixed**2).mean())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("later_s", [4.0, 5.0])
+def test_a_response_later_than_both_ranges_refutes_them(not_adapting, later_s):
+    """Then the gain in use is no less than the model's, and the swing is not kept up."""
+    loop = Welding(dead_time_s=1.0 + later_s / 2.8)
+    for reference in STEPS:
+        loop.run(40, reference)
+    assert np.array(loop.found)[800:, 0].min() < 0.9 <= np.array(loop.used)[800:, 0].min()
+    errors = np.abs(loop.error_c)
+    assert errors[1400:1600].max() < 1.3 * max(
+        10.0, np.abs(errors_c(not_adapting, dead_time_s=1.0 + later_s / 2.8)).max()
+    )
+
+
+def test_what_is_not_certain_is_not_used():
+    """A step of the depth tells little: the estimates move, and what is used of them is the model's."""
+    loop = Welding(thermal_gain_c_per_kw=1.4)
+    loop.run(5)
+    loop.run(5, Reference(2.76, 816.4))
+    assert loop.found[-1] != (1.0, 0.0)
+    assert loop.used[-1] == (1.0, 0.0)
+
+
 @pytest.mark.slow
 def test_at_rest_nothing_is_learnt_from_noise():
     loop = Welding(thermal_gain_c_per_kw=1.3)
@@ -97,10 +157,10 @@ def test_what_is_learnt_moves_slowly_and_within_bounds():
     loop = Welding(thermal_gain_c_per_kw=2.6)
     for k in range(12):
         loop.run(5, HOTTER if k % 2 else TARGET)
-    found = np.array(loop.found)
-    assert np.abs(np.diff(found[:, 0])).max() <= 0.01 + 1e-12
-    assert found[:, 0].min() >= 0.5 and found[:, 0].max() == pytest.approx(2.0, abs=0.15)
-    assert np.abs(found[:, 1]).max() <= 1.0
+    used = np.array(loop.used)
+    assert np.abs(np.diff(used[:, 0])).max() <= 0.01 + 1e-12
+    assert used[:, 0].min() >= 0.5 and used[:, 0].max() == pytest.approx(2.0, abs=0.15)
+    assert np.abs(np.diff(used[:, 1])).max() <= 0.05 + 1e-12
     assert np.abs(np.diff(loop.applied_rpm)).max() <= 3.0 + 1e-9
 
 
@@ -150,16 +210,14 @@ def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, se
     for k, noise in enumerate(noise_c):
         off = off_c[k // 20] + float(noise)
         loop.run(0.1, HOTTER if k // 20 % 2 else TARGET, temperature_c=816.4 + off)
-    gain, delay = np.array(loop.found).T
+    for gain, delay in (np.array(loop.found).T, np.array(loop.used).T):
+        assert gain.min() >= 0.5 and gain.max() <= 2.0 and delay.min() >= -1.0 and delay.max() <= 3.0
     assert np.abs(np.diff(gain)).max() <= 0.01 + 1e-12
-    assert gain.min() >= 0.5 and gain.max() <= 2.0 and np.abs(delay).max() <= 1.0
 
 
 @pytest.mark.slow
-def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(tmp_path):
+def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(not_adapting):
     """A deviation costs as much by the power that it lacks; else the peak would be a third higher."""
-    file = tmp_path / "fixed.yaml"
-    file.write_text("estimator: {thermal_gain_walk: 0, delay_walk_s: 0, heat_sigmas: 0}")
 
     def peak(tuning_file):
         loop = Welding(noise=False, thermal_gain_c_per_kw=0.75, sliding_friction=0.95)
@@ -172,7 +230,7 @@ def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(tmp
             off.append(abs(loop.shown.temperature_c - 826.4))
         return max(off)
 
-    assert peak("") < 1.1 * peak(str(file))
+    assert peak("") < 1.1 * peak(str(not_adapting))
 
 
 @pytest.mark.slow

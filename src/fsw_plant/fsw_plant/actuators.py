@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from math import exp
 
-from fsw_model import STEP_S
+from fsw_plant.lag import lag_left, lag_mean
 
 
 class Actuator:
@@ -25,8 +24,7 @@ class Actuator:
     def configure(self, largest_step: float, lag_s: float, dead_time_ticks: int = 0) -> None:
         """Change its settings, see the class; set-points that are to come earlier replace the older ones."""
         self._largest = largest_step
-        self._left = exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
-        self._mean = lag_s / STEP_S * (1.0 - self._left)
+        self._left, self._mean = lag_left(lag_s), lag_mean(lag_s)
         while len(self._on_the_way) < dead_time_ticks:
             self._on_the_way.appendleft(self.setpoint)
         while len(self._on_the_way) > dead_time_ticks:

@@ -7,7 +7,11 @@ comes at every tick.
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 from math import exp
+=======
+from math import expm1, sqrt
+>>>>>>> main
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +22,7 @@ from fsw_model import STEP_S, Equilibrium, ProcessModel
 from fsw_model.equations import MOTOR, N_POWER
 from fsw_plant.canister_process import added_kw, risen
 from fsw_plant.config import PlantConfig
+from fsw_plant.lag import lag_left, lag_mean
 from fsw_plant.sensors import BLOCK, noise_of
 
 Array = NDArray[np.float64]
@@ -56,11 +61,11 @@ class PlantBatch:
         self._low = np.array([[limits.force_min_kn], [limits.speed_min_rpm]])
         self._high = np.array([[limits.force_max_kn], [limits.speed_max_rpm]])
         self._largest = np.array([[limits.force_step_kn], [limits.speed_step_rpm]])
-        self._left = exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
-        self._mean = lag_s / STEP_S * (1.0 - self._left)
+        self._left, self._mean = lag_left(lag_s), lag_mean(lag_s)
+        self._probe_lag_s = config["sensors.temperature_lag_s"]
         self._step_all = _Mapped(model.step_function, n)
         self._outputs_all = _Mapped(model.output_function, n)
-        self._noise = [noise_of(config)[i] for i in range(len(SENSORS))]
+        self._noise = noise_of(config)
         self.tick = np.ones(n, dtype=np.int64)
         self._x, self.outputs = np.empty((6, n)), np.empty((7, n))
         self._power = np.empty((model.delay_steps, N_POWER, n))
@@ -69,6 +74,8 @@ class PlantBatch:
         self._on_the_way = np.empty((config["actuators.dead_time_ticks"], 2, n))
         self._inertia_nm, self.stopped = np.zeros(n), np.zeros(n, dtype=bool)
         self._drawn = np.empty((len(SENSORS), n, BLOCK))
+        self._deviations = np.zeros((len(SENSORS), n))  # what the noise is at, in standard deviations
+        self._probe_c = np.empty(n)
         self._generators = [[np.random.Generator(np.random.PCG64())] * len(SENSORS) for _ in range(n)]
         self.reset(np.arange(n), np.zeros(n, dtype=np.int64))
 
@@ -88,6 +95,7 @@ class PlantBatch:
             array[:, which] = inputs
         self._on_the_way[:, :, which] = inputs
         self.outputs[:, which] = np.array(start.outputs)[:, None]
+        self._probe_c[which] = start.outputs.temperature_c
         self._inertia_nm[which], self.stopped[which] = 0.0, False
         for k, seed in zip(which.tolist(), seeds.tolist(), strict=True):
             self._generators[k] = [np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(SENSORS))]
@@ -121,13 +129,18 @@ class PlantBatch:
         if used_up.size:
             self._draw(used_up)
         depth, temperature = self.truth()
+        if self._probe_lag_s:
+            temperature = self._probe_c
         drop_nm = self.config["sensors.torque_drop_nm_per_rpm"] * (self.acting[1] - weld.SPEED_RPM)
         shown = np.stack([depth, self.outputs[3] + self._inertia_nm - drop_nm, temperature])
         every = np.arange(self.n)
-        for i, (noise, resolution) in enumerate(self._noise):
-            shown[i] += noise * self._drawn[i, every, place]
-            if resolution > 0.0:
-                shown[i] = np.rint(shown[i] / resolution) * resolution
+        for i, noise in enumerate(self._noise):
+            fresh, kept = self._drawn[i, every, place], noise.kept
+            later = kept * self._deviations[i] + sqrt(1.0 - kept**2) * fresh
+            self._deviations[i] = np.where(self.tick == 1, fresh, later)
+            shown[i] += noise.deviation * self._deviations[i]
+            if noise.resolution > 0.0:
+                shown[i] = np.rint(shown[i] / noise.resolution) * noise.resolution
         return shown
 
     def step(self, commands: Array) -> None:
@@ -142,7 +155,11 @@ class PlantBatch:
         self.position = self._setpoint + behind * self._left
         mean = self._setpoint + behind * self._mean
         disturbance = np.stack([self._disturbed("axial_force"), self._disturbed("spindle_speed")])
+        held_c, before_c = self.truth()[1], self.outputs[1]
         self._advance(mean + disturbance, self.position + disturbance)
+        if self._probe_lag_s:
+            left, late = lag_left(self._probe_lag_s), lag_mean(self._probe_lag_s)
+            self._probe_c = held_c + left * (self._probe_c - held_c) + (1.0 - late) * (self.outputs[1] - before_c)
         self.tick += 1
 
     def _advance(self, mean: Array, end: Array) -> None:

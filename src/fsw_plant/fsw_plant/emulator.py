@@ -147,7 +147,7 @@ class PlantEmulator:
         self.faults: dict[str, Fault] = {}
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._sensors = Sensors(config)
+        self._sensors = Sensors(config, start.outputs.temperature_c)
 
     def take(self, schedule: PlantSchedule) -> None:
         """Follow another schedule."""
@@ -236,6 +236,7 @@ class PlantEmulator:
         if not self.stopped:
             self._input_disturbance = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
             self._advance_process(mean_kn, mean_rpm)
+        self._sensors.heat(self._outputs.temperature_c)
         self._travel.end_tick()
         self.tick += 1
 

@@ -1,39 +1,76 @@
-"""Sensors: noise, quantisation and faults, each sensor with its own random stream."""
+"""Sensors: noise, quantisation and faults, each sensor with its own random stream; lag of the thermocouple's probe."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from fsw_control import SENSORS
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import Fault, Sample
+from fsw_plant.lag import lag_left, lag_mean
 
 #: Random numbers drawn at once: numpy is too slow to be called for single ones.
 BLOCK = 1024
 
 
-class Sensor:
-    """One sensor with its noise (standard deviation) and resolution, in its unit; 0: without.
+class Noise(NamedTuple):
+    """What a sensor adds to a value.
 
-    Each reading takes one random number, whatever happens to it, so the stream depends on seed and tick alone.
+    Attributes
+    ----------
+    deviation : float
+        Standard deviation of the noise, in the sensor's unit; 0: none.
+    resolution : float
+        Quantisation, in the sensor's unit; 0: none.
+    correlation_s : float
+        Time after which the noise's autocorrelation is down to 1/e; 0: white.
     """
 
-    def __init__(self, seed: int, index: int, noise: float, resolution: float) -> None:
-        self.noise = noise
-        self.resolution = resolution
+    deviation: float = 0.0
+    resolution: float = 0.0
+    correlation_s: float = 0.0
+
+    @property
+    def kept(self) -> float:
+        """Share of the noise that is left after a tick."""
+        return lag_left(self.correlation_s)
+
+
+class Sensor:
+    """One sensor with its noise, a first-order Gauss-Markov process whose samples are exact: n' = a n + sqrt(1 - a²) e.
+
+    Here a = exp(-tick / correlation time), and the e are standard normal. The first sample is a stationary one. Each
+    reading takes one random number, whatever happens to it, so the stream depends on seed and tick alone.
+    """
+
+    def __init__(self, seed: int, index: int, noise: Noise) -> None:
+        self.configure(noise)
         self._generator = np.random.Generator(np.random.PCG64([seed, index]))
         self._block: list[float] = []
         self._last: float | None = None
+        self._noise: float | None = None  # in standard deviations
+
+    def configure(self, noise: Noise) -> None:
+        """Change the noise; what a correlated one is at goes on."""
+        self._deviation, self._resolution = noise.deviation, noise.resolution
+        self._kept = noise.kept
+        self._fresh = sqrt(1.0 - self._kept**2)
 
     def read(self, value: float) -> float:
         """The reading of ``value``."""
         if not self._block:
             self._block = self._generator.standard_normal(BLOCK)[::-1].tolist()
-        value += self.noise * self._block.pop()
-        if self.resolution > 0.0:
-            return round(value / self.resolution) * self.resolution
+        noise = self._block.pop()
+        if self._kept and self._noise is not None:
+            noise = self._kept * self._noise + self._fresh * noise
+        self._noise = noise
+        value += self._deviation * noise
+        if self._resolution > 0.0:
+            return round(value / self._resolution) * self._resolution
         return value
 
     def send(self, value: float, stamp_ns: int, fault: Fault | None, time_s: float) -> tuple[Sample, ...]:
@@ -43,33 +80,74 @@ class Sensor:
         return (sample,) if fault is None else fault.pass_on(sample, time_s, last)
 
 
-class Sensors:
-    """The sensors of a plant, in the order of ``SENSORS``."""
+class Probe:
+    """The thermocouple's probe: it follows the temperature around it with a first-order lag, 0: at once.
 
-    def __init__(self, config: PlantConfig) -> None:
-        self._all = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(noise_of(config))]
+    Between two ticks the process's temperature is taken as a straight line and a disturbance of it as held, for which
+    the lag is solved exactly.
+
+    Parameters
+    ----------
+    lag_s : float
+    start_c : float
+        Temperature of the process at the start, when the probe has come to rest.
+    """
+
+    def __init__(self, lag_s: float, start_c: float) -> None:
+        self._value_c = self._process_c = self._around_c = start_c
+        self.lag_s = lag_s
+
+    def read(self, around_c: float) -> float:
+        """The probe's temperature at a tick where ``around_c`` is that around it, disturbance included."""
+        self._around_c = around_c
+        return self._value_c if self.lag_s else around_c
+
+    def advance(self, process_c: float) -> None:
+        """Follow for a tick at whose end the process has this temperature; the disturbance that was read is held."""
+        left, mean = lag_left(self.lag_s), lag_mean(self.lag_s)
+        held_c, change_c = self._around_c, process_c - self._process_c
+        self._value_c = held_c + left * (self._value_c - held_c) + (1.0 - mean) * change_c
+        self._process_c, self._around_c = process_c, held_c + change_c
+
+
+class Sensors:
+    """The sensors of a plant, in the order of ``SENSORS``, the thermocouple at rest at ``start_c``."""
+
+    def __init__(self, config: PlantConfig, start_c: float) -> None:
+        self._all = [Sensor(config["seed"], i, noise) for i, noise in enumerate(noise_of(config))]
+        self._probe = Probe(config["sensors.temperature_lag_s"], start_c)
 
     def configure(self, config: PlantConfig) -> None:
-        """Change noise and resolution."""
-        for sensor, (noise, resolution) in zip(self._all, noise_of(config), strict=True):
-            sensor.noise, sensor.resolution = noise, resolution
+        """Change noise and lag."""
+        for sensor, noise in zip(self._all, noise_of(config), strict=True):
+            sensor.configure(noise)
+        self._probe.lag_s = config["sensors.temperature_lag_s"]
+
+    def heat(self, process_c: float) -> None:
+        """End a tick: see :meth:`Probe.advance`."""
+        self._probe.advance(process_c)
 
     def send(
-        self, values: tuple[float, ...], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
+        self, values: tuple[float, float, float], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
     ) -> list[tuple[Sample, ...]]:
         """The samples of the values that leave the sensors at a tick."""
+        depth_mm, torque_nm, temperature_c = values
+        shown = depth_mm, torque_nm, self._probe.read(temperature_c)
         return [
             sensor.send(value, stamp_ns, faults.get(name), time_s)
-            for name, sensor, value in zip(SENSORS, self._all, values, strict=True)
+            for name, sensor, value in zip(SENSORS, self._all, shown, strict=True)
         ]
 
 
-def noise_of(config: PlantConfig) -> tuple[tuple[float, float], ...]:
-    """Noise and resolution of each sensor."""
+def noise_of(config: PlantConfig) -> tuple[Noise, ...]:
+    """Noise of each sensor."""
     if not config["noise"]:
-        return ((0.0, 0.0),) * len(SENSORS)
-    return (
-        (config["sensors.depth_noise_mm"], config["sensors.depth_resolution_mm"]),
-        (config["sensors.torque_noise_nm"], config["sensors.torque_resolution_nm"]),
-        (config["sensors.temperature_noise_c"], config["sensors.temperature_resolution_c"]),
+        return (Noise(),) * len(SENSORS)
+    return tuple(
+        Noise(
+            config[f"sensors.{name}_noise_{unit}"],
+            config[f"sensors.{name}_resolution_{unit}"],
+            config[f"sensors.{name}_noise_correlation_s"],
+        )
+        for name, unit in (("depth", "mm"), ("torque", "nm"), ("temperature", "c"))
     )

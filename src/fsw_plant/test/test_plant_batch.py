@@ -8,6 +8,12 @@ from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.batch import CHANNELS, PlantBatch
 
 N_TICKS = 1040  # more than one block of random numbers
+COLOURED = {
+    "sensors.depth_noise_correlation_s": 5.0,
+    "sensors.torque_noise_correlation_s": 0.3,
+    "sensors.temperature_noise_correlation_s": 1.0,
+    "sensors.temperature_lag_s": 3.0,
+}
 
 
 def commands(k):
@@ -20,12 +26,13 @@ def commands(k):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2}],
-    ids=["default", "dead times"],
+    [{}, {"noise": False, "model.dead_time_s": 0.73, "actuators.dead_time_ticks": 2}, COLOURED],
+    ids=["default", "dead times", "coloured noise and a slow probe"],
 )
 def test_each_is_a_single_plant(settings):
     disturbances = np.zeros((N_TICKS + 2, len(CHANNELS)))
     disturbances[50:, 0], disturbances[300:, 2], disturbances[100:400, 3] = 0.05, 12.0, 0.4
+    disturbances[70:, 1] = 4.0
     batch = PlantBatch(PlantConfig.from_values(settings), 3, disturbances)
     batch.reset(np.arange(3), np.array([7, 8, 9]))
     singles = [PlantEmulator(PlantConfig.from_values({**settings, "seed": seed})) for seed in (7, 8, 9)]
@@ -34,6 +41,8 @@ def test_each_is_a_single_plant(settings):
         for k, single in enumerate(singles):
             if tick == 50:
                 single.set_disturbance("depth", "step", 0.05)
+            if tick == 70:
+                single.set_disturbance("temperature", "step", 4.0)
             reading = single.measure()
             given = [reading.depth_mm[0].value, reading.torque_nm[0].value, reading.temperature_c[0].value]
             assert shown[:, k] == pytest.approx(given, rel=1e-13)

@@ -128,6 +128,58 @@ def test_noise_does_not_depend_on_faults(kind):
     assert values_of(run(plain, hold)) == values_of(run(faulty, hold))
 
 
+SLOW = {"temperature_lag_s": 2.0}
+
+
+def temperatures(readings):
+    return [r.temperature_c[0].value for r in readings]
+
+
+def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
+    plant, quick = (plant_of(noise=False, sensors=sensors) for sensors in (SLOW, {}))
+    hold = [plant.applied] * 10
+    assert temperatures(run(plant, hold)) == pytest.approx(temperatures(run(quick, hold)), abs=1e-6)
+    start_c = quick.truth().temperature_c
+    for one in (plant, quick):
+        one.set_disturbance("temperature", "step", 10.0)
+    shown = temperatures(run(plant, hold * 5))
+    assert temperatures(run(quick, hold * 5))[0] == pytest.approx(start_c + 10.0, abs=1e-6)
+    expected = [start_c + 10.0 * (1.0 - exp(-0.1 * tick / 2.0)) for tick in range(50)]
+    assert shown == pytest.approx(expected, abs=1e-4)
+    assert plant.truth() == quick.truth()
+
+
+def test_slow_probe_feels_a_disturbance_until_the_next_tick():
+    """One that is cleared after it was measured acts on the step that begins there."""
+    plant = plant_of(noise=False, sensors=SLOW)
+    start_c = plant.truth().temperature_c
+    plant.set_disturbance("temperature", "step", 10.0)
+    plant.measure()
+    plant.set_disturbance("temperature", "none", 0.0)
+    plant.step()
+    assert temperatures(run(plant, [plant.applied])) == [pytest.approx(start_c + 10.0 * (1.0 - exp(-0.05)), abs=1e-4)]
+
+
+@pytest.mark.parametrize("kind", ["nan", "freeze", "dropout"])
+def test_slow_probe_goes_on_beneath_a_fault(kind):
+    plant, faulty = (plant_of(sensors=SLOW) for _ in range(2))
+    harder = [Command(plant.applied.force_kn, plant.applied.speed_rpm + 20.0)] * 60
+    faulty.set_fault("thermocouple", kind, duration_s=3.0)
+    run(plant, harder), run(faulty, harder)
+    assert temperatures(run(plant, harder)) == temperatures(run(faulty, harder))
+
+
+def test_slow_probe_is_at_rest_after_a_reset_and_where_it_was_after_a_change():
+    plant = plant_of(noise=False)
+    hotter = [Command(plant.applied.force_kn, plant.applied.speed_rpm + 40.0)] * 100
+    last = temperatures(run(plant, hotter))[-1]
+    plant.reconfigure(PlantConfig.from_values({"noise": False, "sensors.temperature_lag_s": 30.0}))
+    shown = temperatures(run(plant, hotter[:3]))
+    assert last + 0.05 < shown[-1] < last + 0.25 < plant.truth().temperature_c
+    plant.reset()
+    assert temperatures(run(plant, [plant.applied] * 5)) == pytest.approx([816.4] * 5, abs=1e-6)
+
+
 def test_quantisation():
     plant = plant_of(sensors={"depth_resolution_mm": 0.01, "temperature_noise_c": 0.0, "temperature_resolution_c": 0.5})
     for depth, _, temperature in values_of(run(plant, [plant.applied] * 20)):

@@ -3,6 +3,7 @@
 from itertools import pairwise
 from math import exp, inf, isnan, nan, pi, sin
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from fsw_control.command_gate import REASONS, CommandGate
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
 from fsw_plant.events import Disturbance, Fault, Sample
-from fsw_plant.sensors import Sensor
+from fsw_plant.sensors import Noise, Probe, Sensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -44,10 +45,57 @@ def test_actuator_without_lag():
 
 
 def test_sensors_have_streams_of_their_own():
-    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (Sensor(1, i, 1.0, 0.0) for i in range(3))]
+    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (Sensor(1, i, Noise(1.0)) for i in range(3))]
     assert len({tuple(stream) for stream in streams}) == 3
-    assert Sensor(1, 0, 1.0, 0.5).read(3.0) * 2 % 1 == 0
-    assert Sensor(1, 0, 0.0, 0.0).read(3.3) == 3.3
+    assert Sensor(1, 0, Noise(1.0, 0.5)).read(3.0) * 2 % 1 == 0
+    assert Sensor(1, 0, Noise()).read(3.3) == 3.3
+
+
+@pytest.mark.parametrize("correlation_s", [0.0, 0.2, 1.0, 3.0])
+def test_noise_decays_with_its_correlation_time(correlation_s):
+    """Autocorrelation exp(-t / correlation time), at the standard deviation of the white noise."""
+    sensor = Sensor(3, 1, Noise(2.0, 0.0, correlation_s))
+    noise = np.array([sensor.read(0.0) for _ in range(120_000)])
+    assert noise.std() == pytest.approx(2.0, rel=0.05)
+    assert abs(noise.mean()) < 0.15
+    for ticks in (1, 5, 20):
+        found = np.mean(noise[ticks:] * noise[:-ticks]) / np.mean(noise**2)
+        assert found == pytest.approx(exp(-0.1 * ticks / correlation_s) if correlation_s else 0.0, abs=0.06)
+
+
+def test_correlated_noise_is_stationary_from_the_first_sample():
+    sensors = [Sensor(seed, 0, Noise(1.0, 0.0, 5.0)) for seed in range(2000)]
+    first, second, *_, last = ([sensor.read(0.0) for sensor in sensors] for _ in range(5))
+    assert [np.std(noise) for noise in (first, second, last)] == pytest.approx([1.0] * 3, rel=0.06)
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(exp(-0.02), abs=0.01)
+
+
+def test_noise_that_becomes_correlated_goes_on_from_where_it_is():
+    sensor = Sensor(1, 0, Noise(1.0))
+    before = [sensor.read(0.0) for _ in range(3)][-1]
+    sensor.configure(Noise(1.0, 0.0, 600.0))
+    assert sensor.read(0.0) == pytest.approx(before, abs=0.1)
+
+
+def test_probe_follows_steps_and_ramps_exactly():
+    step, ramp, at_once = Probe(3.0, 800.0), Probe(3.0, 800.0), Probe(0.0, 800.0)
+    for tick in range(1, 200):
+        assert at_once.read(810.0) == 810.0
+        for probe in (step, at_once):
+            probe.read(810.0)  # a disturbance by 10
+            probe.advance(800.0)
+        ramp.advance(800.0 + 0.5 * tick)
+        t, met_c = 0.1 * tick, 800.0 + 0.5 * tick
+        assert step.read(810.0) == pytest.approx(800.0 + 10.0 * (1.0 - exp(-t / 3.0)), abs=1e-9)
+        assert ramp.read(met_c) == pytest.approx(800.0 + 5.0 * (t - 3.0 * (1.0 - exp(-t / 3.0))), abs=1e-9)
+
+
+@given(st.floats(0.0, 60.0), st.lists(st.floats(500.0, 1000.0), min_size=2, max_size=30))
+def test_probe_stays_within_what_it_has_met(lag_s, around):
+    probe = Probe(lag_s, around[0])
+    for value in around:
+        probe.advance(value)
+        assert min(around) - 1e-9 <= probe.read(value) <= max(around) + 1e-9
 
 
 def disturbance(shape, amplitude, duration_s=0.0, period_s=0.0, at_s=1.0):

@@ -63,11 +63,15 @@ class _LateForce:
 
 @dataclass(slots=True)
 class Loops:
-    """A controller, by label with its node's parameters, and the process whose margins are sought."""
+    """A controller, by label with its node's parameters, and the process whose margins are sought.
+
+    ``plant`` has parameters of drives and sensors that differ from their defaults, by their names in ``plant.yaml``.
+    """
 
     label: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     process: ModelParameters = field(default_factory=nominal)
+    plant: Mapping[str, float] = field(default_factory=dict)
     _controller: Controller = field(init=False)
 
     def __post_init__(self) -> None:
@@ -85,7 +89,7 @@ class Loops:
         **factors : float
             On parameters of the process.
         """
-        plant = plant_factors(self.process.scaled(**factors))
+        plant = {**self.plant, **plant_factors(self.process.scaled(**factors))}
         overrides = [f"controller={name_of(self.label)}", "plant.noise=false"]
         overrides += [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
         loop = ClosedLoop(parse(_SMALL_STEPS, "small_steps", overrides), {name_of(self.label): self._controller})

@@ -6,7 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -71,12 +71,13 @@ def weld(job: Job) -> WeldSignals:
 def figures(job: Job) -> Figures:
     """Run a job and return its figures of merit, and whether an output oscillates for good.
 
-    What still moves at the end may only be settling: then the same weld is continued by a minute without events.
+    What still moves at the end may only be settling or following the noise: then the same weld is run without noise and
+    continued by a minute without events.
     """
     signals = weld(job)
     swings = _moves(signals)
     if swings:
-        loop = loop_of(job)
+        loop = loop_of(replace(job, noise=False))
         loop.scenario = loop.scenario.model_copy(update={"duration_s": loop.scenario.duration_s + _SETTLE_S})
         swings = _moves(loop.run())
     return compute(signals, job.controller) | {"swings": swings}

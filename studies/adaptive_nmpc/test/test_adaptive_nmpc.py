@@ -79,6 +79,8 @@ def test_page_and_figure(tmp_path):
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
     data["noise"] = dict.fromkeys(JUDGED, 0.05)
+    figures = {"peak_c": 10.0, "moves_c": 1.0, "iae_c_s": 100.0}
+    data["late"] = [{"later_s": 3.0, study.FIXED: figures, study.ADAPTIVE: figures}]
     page = report.page(data)
     assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
     report.draw(welds, tmp_path / "priority.png")
@@ -86,3 +88,15 @@ def test_page_and_figure(tmp_path):
     depth = {name: found["iae_depth_mm_s"] for name, found in data["saturated"].items()}
     by = [depth[f"{study.ADAPTIVE}, priority {name}"] for name in ("depth", "balance", "temperature")]
     assert by == sorted(by) and by[0] < 0.5 * depth[study.DEFAULT]
+
+
+def test_late_responses_are_counted_where_the_tuning_itself_does_not_swing():
+    def one(fixed_c, iae):
+        return {
+            "later_s": 3.0,
+            study.FIXED: {"peak_c": fixed_c, "moves_c": 1.0, "iae_c_s": 100.0},
+            study.ADAPTIVE: {"peak_c": 10.5, "moves_c": 2.0, "iae_c_s": iae},
+        }
+
+    rows = report.late_rows([one(10.0, 120.0), one(10.2, 105.0), one(40.0, 200.0)])
+    assert rows[1] == ["3", "2 of 3", "10.2", "10.5", "1.0", "2.0", "1"]

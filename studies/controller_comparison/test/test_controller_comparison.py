@@ -8,14 +8,16 @@ import pytest
 from clairvoyant_bounds.bounds import courses
 from clairvoyant_bounds.optimum import Clairvoyant
 from controller_comparison import figures as comparison_figures
-from controller_comparison import other_models, report, study
-from controller_comparison.processes import INPUT_DISTURBANCES, SWEEP, random_factors
+from controller_comparison import other_models, report, sensing, study
+from controller_comparison.processes import INPUT_DISTURBANCES, SENSING, SWEEP, random_factors
 from controller_comparison.study import CONTROLLERS, DECENTRALIZED
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_scenario.standard_cases import DEFAULT
+from fsw_scenario.margins import Loops
+from fsw_scenario.standard_cases import DEFAULT, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Job, figures, weld
 
 pytestmark = pytest.mark.slow
+KEYS = ("iae_depth_mm_s", "iae_temperature_c_s")
 
 
 @pytest.fixture(scope="module")
@@ -94,11 +96,16 @@ def test_pages_say_what_was_measured(nominal):
     figures = ("tracking", "disturbances", "speed_rpm", "temperature_delay_s")
     peaks = ("peak_temperature_in_depth_step_up_c", "peak_temperature_in_depth_step_down_c")
     data["corridors"] = {"recentred": dict.fromkeys((*figures, *peaks), 7.0) | {"temperature_gain": math.inf}}
-    keys = (f"{case} {key}" for case in ("disturbed", "rest") for key in ("iae_depth_mm_s", "iae_temperature_c_s"))
+    keys = (f"{case} {key}" for case in ("disturbed", "rest") for key in KEYS)
     data["below_noise"] = {DEFAULT: dict.fromkeys(keys, 2.5)}
     data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
     data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
+    run = dict.fromkeys((*JUDGED, *study.VARIATIONS, *(f"rest {key}" for key in KEYS)), 1.5)
+    runs = {DEFAULT: run | {"swings": 1}, "nmpc:adaptive": run | {"swings": 0}}
+    margins = {DEFAULT: {"temperature_gain": 2.1, "temperature_delay_s": 3.9}}
+    random = {"plants": 3, "ratios": {}, "smith": {}, "swings": {DEFAULT: 2}}
+    data["sensing"] = {"runs": {"lag 3 s": runs}, "margins": {"lag 3 s": margins}, "random": random}
     pages = report.pages(data)
     page = pages["README.md"]
     iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
@@ -108,7 +115,27 @@ def test_pages_say_what_was_measured(nominal):
     assert "| > 8 | 2 |" in page and f"| {DEFAULT} | 2.5 | 2.5 | 2.5 | 2.5 |" in page
     assert "| recentred | 7.00, 7.00 °C | 7 °C s | 7 °C s | 7 rpm | > 8 | 7.0 s |" in pages["corridors.md"]
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
+    assert f"| {DEFAULT} | 2.1, 3.9 s |" in (sensors := pages["sensors.md"]) and f"| {DEFAULT} | 1.5 / 1.5 |" in sensors
+    assert f"- lag 3 s: {DEFAULT} (1 of 4 welds)" in sensors and f"{DEFAULT}: 2." in sensors
     assert "1 models with other gains" in (text := pages["other-models.md"]) and "on 0 of these models" in text
+
+
+def test_a_lag_of_the_probe_takes_margin():
+    """With a lag of 3 s the temperature bears less delay than without."""
+    label = "decentral:tight"
+    assert Loops(label).with_delay(5.5)
+    assert not Loops(label, plant=SENSING["lag 3 s"]).with_delay(5.5)
+
+
+@pytest.mark.full
+def test_sensors_are_compared_in_means_of_welds():
+    found = sensing.runs({TIGHT: (TIGHT, {})})
+    assert list(found) == list(SENSING)
+    white, slow = (found[kind][TIGHT] for kind in ("white, no lag", "lag 3 s"))
+    key = "tracking iae_temperature_c_s"
+    seeds = [figures(Job(TIGHT, "tracking", True, {**study.LATENCY, "seed": seed}))[key.split()[1]] for seed in (1, 2)]
+    assert white[key] == pytest.approx(np.mean(seeds))
+    assert slow[key] > 1.3 * white[key] and found["correlated 1 s"][TIGHT][key] != white[key]
 
 
 @pytest.mark.full
@@ -125,6 +152,8 @@ def test_figures_say_whether_something_swings():
     strong = {"model.thermal_gain_c_per_kw": 8.0}
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
+    noisy = weld(job := Job(TIGHT, "tracking", True, {**study.LATENCY, **SENSING["correlated 5 s, lag 3 s"]})).truth
+    assert np.ptp(noisy.temperature_c[-150:]) > 1.0 and not figures(job)["swings"]  # it follows the noise
 
 
 @pytest.mark.parametrize("plant", [{}, {"actuators.lag_s": 0.3}], ids=["nominal", "drive lag"])

@@ -7,6 +7,8 @@
 typedef struct {
   fmu_process process;
   double setpoint[2], position[2]; /* of the drives: force, speed */
+  double probe_c;                  /* temperature of the thermocouple's probe */
+  double process_c, disturbance_k; /* around it at the last tick */
 } fmu_unit;
 
 #endif

@@ -174,6 +174,7 @@ void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
 
 void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
   c->estimator.started = 0;
+  fsw_adaptation_start(c);
   c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
   c->late_s = 0.0;
@@ -195,13 +196,17 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
     fsw_nmpc_input nothing = now;
     nothing.depth_fresh = nothing.torque_fresh = nothing.temperature_fresh = 0;
     for (; ticks > 0; ticks--)
-      if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, ticks > 1 ? &nothing : &now)) break;
+      if (!fsw_adapt(c, ticks > 1 ? &nothing : &now)) break;
     if (c->estimator.started) return 1;
     clear_plan(c);
   }
   c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
-  return fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now);
+  fsw_adaptation_start(c);
+  if (!fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now)) return 0;
+  c->adaptation.heat_kw = c->estimator.x[FSW_HEAT];
+  c->adaptation.power_kw = c->estimator.power[0];
+  return 1;
 }
 
 /* How far the two offsets move over the horizon while their rates leak. */
@@ -222,14 +227,14 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
   for (int i = 0; i < 5; i++) s->x[i] = x[i];
-  fsw_power_under_way(&c->estimator, &c->model, s->history);
+  fsw_power_under_way(&c->estimator, &c->model, c->adaptation.delay_s, s->history);
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
   s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
   s->speed_offset_rpm = c->estimator.offset[1];
   s->depth_gain = x[FSW_DEPTH_GAIN];
-  s->thermal_gain = x[FSW_THERMAL_GAIN];
-  s->heat_offset_kw = x[FSW_HEAT];
+  s->thermal_gain = c->adaptation.gain;
+  s->heat_offset_kw = c->adaptation.heat_kw;
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];

@@ -40,8 +40,7 @@
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
-#define THERMAL_GAIN_STEP 0.01 /* per tick, so that nothing jumps */
-#define LARGEST_DELAY_S 1.0    /* either way, and no more than half the dead time */
+#define LARGEST_DELAY_S 1.0    /* either way from the middle of its range, and no more than half the dead time */
 #define LEAST_GAIN 0.6
 #define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
@@ -165,7 +164,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = 0.0;
-  e->is_excited = e->heated_ticks = e->is_telling = 0;
+  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = e->is_refuted = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -233,6 +232,11 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
         if (j != i) e->p[i][j] = e->p[j][i] = 0.0;
 }
 
+/* Half of the range of the delay: it is about 0, or about twice this where the response is late. */
+double fsw_delay_span_s(const fsw_nmpc_model *m) {
+  return 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
+}
+
 /* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
 static double arriving(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s, double *by_delay) {
   const double last = m->n_history + FSW_LATER - 1.001; /* power that is still to come: as the newest */
@@ -256,9 +260,9 @@ static void shift_heat(fsw_estimator *e, const fsw_nmpc_model *m, double *copper
 }
 
 /* The power under way as the model, with its dead time, has to see it for all of it to arrive when it does. */
-void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]) {
+void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
+                         double history[3 * FSW_MAX_HISTORY]) {
   double unused;
-  const double delay_s = e->x[FSW_DELAY];
   for (int k = 0; k < 3 * m->n_history; k++) history[k] = e->history[k];
   if (delay_s == 0.0) return;
   for (int k = 0; k < m->n_history; k++) {
@@ -380,7 +384,7 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
  * such a rate. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
-  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
+  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0) || e->is_refuted) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
@@ -403,7 +407,6 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
 
 static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
-  const double gain = e->x[FSW_THERMAL_GAIN];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
   const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
@@ -434,10 +437,9 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
-  const double wanted = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
-  e->x[FSW_THERMAL_GAIN] = fsw_clip(wanted, gain - THERMAL_GAIN_STEP, gain + THERMAL_GAIN_STEP);
-  const double latest = 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
-  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], -latest, latest);
+  e->x[FSW_THERMAL_GAIN] = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
+  const double half_s = fsw_delay_span_s(m), middle_s = e->is_late ? 2.0 * half_s : 0.0;
+  e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle_s - half_s, middle_s + half_s);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether

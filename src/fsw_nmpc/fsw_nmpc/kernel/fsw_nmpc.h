@@ -33,7 +33,7 @@ extern "C" {
 #define FSW_TICK_S 0.1
 enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
-  FSW_LATER = 12,                            /* ticks by which the power may arrive later than in the model */
+  FSW_LATER = 32,                            /* ticks by which the power may arrive later than in the model */
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
@@ -202,10 +202,21 @@ typedef struct {
   double power[FSW_MAX_HISTORY + FSW_LATER]; /* mean power deviation of the last ticks, newest first */
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
+  int is_late;                             /* whether the delay is sought in its later range */
+  int is_refuted;                          /* whether no gain and delay fit: then nothing is taken for heat */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
+
+/* What is used of gain and delay of the power, and the rival of the estimator, see adapt.c. */
+typedef struct {
+  fsw_estimator rival;                     /* started while the power tells anything */
+  double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
+  double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
+  double gain, delay_s, heat_kw;           /* in use */
+  double power_kw;                         /* mean power deviation of about the copper's lag */
+} fsw_adaptation;
 
 typedef struct {
   double moves[FSW_MAX_VARS];              /* the last accepted moves, seen from the present tick */
@@ -220,6 +231,7 @@ typedef struct {
   fsw_nmpc_model model;
   fsw_nmpc_tuning tuning;
   fsw_estimator estimator;
+  fsw_adaptation adaptation;
   fsw_plan plan;
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the trajectories of the last tick */

@@ -17,8 +17,14 @@ double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 /* estimator.c */
 int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
-void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double history[3 * FSW_MAX_HISTORY]);
+double fsw_delay_span_s(const fsw_nmpc_model *m);
+void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
+                         double history[3 * FSW_MAX_HISTORY]);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
+
+/* adapt.c */
+void fsw_adaptation_start(fsw_nmpc *c);
+int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in);
 
 /* trajectory.c */
 void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);

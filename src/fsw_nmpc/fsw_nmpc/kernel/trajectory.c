@@ -108,7 +108,7 @@ static double half_time_s(const approach *a, double size) {
 }
 
 /* Gain of the settled temperature over the power. */
-static double thermal_gain(const fsw_nmpc *c) { return c->estimator.x[FSW_THERMAL_GAIN] * c->model.thermal_gain_c_per_kw; }
+static double thermal_gain(const fsw_nmpc *c) { return c->adaptation.gain * c->model.thermal_gain_c_per_kw; }
 
 /* Gain of the depth's rate over the force. */
 static double rate_gain(const fsw_nmpc *c) {
@@ -127,7 +127,7 @@ static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed = (bound ? c->tuning.input_max[1] : c->tuning.input_min[1]);
   const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
-  const double power = given - m->operating_power_kw + x[FSW_HEAT];
+  const double power = given - m->operating_power_kw + c->adaptation.heat_kw;
   return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
 }
 
@@ -209,7 +209,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
-  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - x[FSW_HEAT]; /* that holds */
+  double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - c->adaptation.heat_kw; /* that holds */
   if (!(power > LEAST_POWER_KW)) power = LEAST_POWER_KW;
   const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->input_min[0], high = t->input_max[0], force_rate = t->move_max[0] / FSW_TICK_S;
@@ -231,7 +231,7 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->acceleration = SMOOTHED * gain * force_rate;
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
-  const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - x[FSW_HEAT];
+  const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - c->adaptation.heat_kw;
   double rate[2];
   held_rates(c, kept, goal, rate);
   temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
@@ -260,14 +260,14 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  const double gain = x[FSW_THERMAL_GAIN], heat = gain * x[FSW_HEAT];
+  const double gain = c->adaptation.gain, heat = gain * c->adaptation.heat_kw;
   double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
   double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
   for (int k = 0; k < n; k++) {
     copper += gain * m->ahead_power[k] * c->problem.start.history[k];
     tool += gain * m->ahead_power[n + k] * c->problem.start.history[k];
   }
-  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
+  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + c->adaptation.heat_kw;
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
   for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
     drift += FSW_TICK_S * rate;
@@ -294,7 +294,7 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1] * (1.0 + c->estimator.x[FSW_DELAY] / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_temp = {t->time_s[1] * (1.0 + c->adaptation.delay_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);

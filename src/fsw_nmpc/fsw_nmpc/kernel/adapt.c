@@ -1,0 +1,120 @@
+/* Which of two estimators is believed, and what is used of their gain and delay of the power.
+ *
+ * The delay is linearised, and that reaches no further than about a second: a response that is later still passes for a
+ * weak gain, and a controller that believes this swings. So while the power tells anything, a rival runs beside the
+ * estimator, with the same estimates but the other range of the delay, and the one that makes the temperatures more likely
+ * goes on. If neither fits, the gain is not taken for less than the model's.
+ *
+ * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. */
+#include <math.h>
+
+#include "internal.h"
+
+#define N FSW_STATES
+#define RIVAL_SHARE 0.6        /* standard deviation of the rival's delay at its start, in halves of its range */
+#define ENOUGH_EVIDENCE 10.0   /* logarithm of the likelihoods' ratio at which the rival takes over */
+#define LEAST_EVIDENCE -20.0   /* no more is counted against it, so that it can still do so later */
+#define CERTAIN 3.0            /* standard deviations */
+#define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
+#define DELAY_STEP_S 0.05      /* likewise */
+#define MISFIT_KEEP 0.98       /* about five seconds */
+#define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
+
+enum { TEMPERATURE = 2 };
+
+static int is_adapting(const fsw_nmpc_tuning *t) { return t->walk[FSW_THERMAL_GAIN] + t->walk[FSW_DELAY] > 0.0; }
+
+void fsw_adaptation_start(fsw_nmpc *c) {
+  fsw_adaptation *a = &c->adaptation;
+  a->rival.started = 0;
+  a->evidence = a->delay_s = a->heat_kw = 0.0;
+  a->gain = a->misfit = 1.0;
+}
+
+/* Square of the last innovation of the temperature in its deviation, that of a jump at most. */
+static double square_of(const fsw_estimator *e, const fsw_nmpc_tuning *t) {
+  const double square = e->innovation[TEMPERATURE] * e->innovation[TEMPERATURE] / e->expected[TEMPERATURE];
+  const double most = t->jump_sigmas * t->jump_sigmas;
+  return most > 0.0 && square > most ? most : square;
+}
+
+/* By how much the last temperature is more likely with one estimator than with another: logarithm of the ratio. */
+static double more_likely(const fsw_estimator *e, const fsw_estimator *other, const fsw_nmpc_tuning *t) {
+  const double own = e->expected[TEMPERATURE], its = other->expected[TEMPERATURE];
+  if (!(own > 0.0 && its > 0.0)) return 0.0;
+  const double u = (its - own) / (its + own); /* log(its / own) / 2, as a series */
+  return 0.5 * (square_of(other, t) - square_of(e, t)) + u + u * u * u / 3.0;
+}
+
+/* The rival begins with the estimates of the estimator, but a delay in the middle of the other range. */
+static void challenge(fsw_nmpc *c) {
+  fsw_estimator *rival = &c->adaptation.rival;
+  const double half_s = fsw_delay_span_s(&c->model);
+  *rival = c->estimator;
+  rival->is_late = !rival->is_late;
+  rival->x[FSW_DELAY] = rival->is_late ? 2.0 * half_s : 0.0;
+  for (int i = 0; i < N; i++) rival->p[FSW_DELAY][i] = rival->p[i][FSW_DELAY] = 0.0;
+  rival->p[FSW_DELAY][FSW_DELAY] = RIVAL_SHARE * RIVAL_SHARE * half_s * half_s;
+  c->adaptation.evidence = 0.0;
+}
+
+static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
+  fsw_adaptation *a = &c->adaptation;
+  fsw_estimator *e = &c->estimator;
+  if (!e->heated_ticks || !(c->tuning.walk[FSW_DELAY] > 0.0)) a->rival.started = 0;
+  else if (!a->rival.started) {
+    if (e->is_telling) challenge(c);
+  } else if (fsw_estimator_step(&a->rival, &c->model, &c->tuning, in)) {
+    a->evidence += more_likely(&a->rival, e, &c->tuning);
+    if (a->evidence < LEAST_EVIDENCE) a->evidence = LEAST_EVIDENCE;
+    if (a->evidence > ENOUGH_EVIDENCE) {
+      const fsw_estimator loser = *e;
+      *e = a->rival;
+      a->rival = loser;
+      a->evidence = 0.0;
+    }
+  }
+}
+
+/* Whether the temperature contradicts any gain and delay within both ranges; until the power has come to rest. Then its
+ * innovations are not those of heat that the model lacks, either. */
+static void judge_fit(fsw_nmpc *c) {
+  fsw_adaptation *a = &c->adaptation;
+  fsw_estimator *e = &c->estimator;
+  if (!e->heated_ticks || !is_adapting(&c->tuning)) {
+    a->misfit = 1.0;
+    e->is_refuted = a->rival.is_refuted = 0;
+    return;
+  }
+  if (e->expected[TEMPERATURE] > 0.0) a->misfit += (1.0 - MISFIT_KEEP) * (square_of(e, &c->tuning) - a->misfit);
+  if (a->misfit > LARGEST_MISFIT) e->is_refuted = a->rival.is_refuted = 1;
+}
+
+/* The value nearest to the model's that is within CERTAIN standard deviations of the estimate. */
+static double certain(const fsw_estimator *e, int state, double of_model) {
+  const double deviation = CERTAIN * sqrt(e->p[state][state]), x = e->x[state];
+  return fsw_clip(of_model, x - deviation, x + deviation);
+}
+
+/* The heat of a prediction with another gain than the estimator's: the power of the last half minute heats alike with both,
+ * so that a process at rest does not stay off its set-point. */
+static double heat_in_use(fsw_nmpc *c) {
+  const fsw_estimator *e = &c->estimator;
+  fsw_adaptation *a = &c->adaptation;
+  a->power_kw += FSW_TICK_S / c->model.copper_lag_s * (e->power[0] - a->power_kw);
+  return e->x[FSW_HEAT] + (e->x[FSW_THERMAL_GAIN] / a->gain - 1.0) * (a->power_kw + e->x[FSW_HEAT]);
+}
+
+/* One tick of the estimator, of its rival, and of what is used of them. Returns whether the estimate is sound. */
+int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
+  fsw_adaptation *a = &c->adaptation;
+  const fsw_estimator *e = &c->estimator;
+  if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
+  compete(c, in);
+  judge_fit(c);
+  const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
+  a->gain = fsw_clip(e->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
+  a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
+  a->heat_kw = heat_in_use(c);
+  return 1;
+}

@@ -1,0 +1,17 @@
+"""The exact solution of a first-order lag over a tick."""
+
+from __future__ import annotations
+
+from math import exp
+
+from fsw_model import STEP_S
+
+
+def lag_left(lag_s: float) -> float:
+    """What a first-order lag leaves of a deviation after a tick."""
+    return exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
+
+
+def lag_mean(lag_s: float) -> float:
+    """Mean over a tick of what a first-order lag leaves of a deviation."""
+    return lag_s / STEP_S * (1.0 - lag_left(lag_s))
