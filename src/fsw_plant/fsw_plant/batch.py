@@ -7,11 +7,7 @@ comes at every tick.
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-from math import exp
-=======
-from math import expm1, sqrt
->>>>>>> main
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
