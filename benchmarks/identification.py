@@ -7,7 +7,7 @@ welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, whi
 the identified model predict another weld, compared with the paper's? And on plants with other
 sensors than the model's, with noise that is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign] [--json FILE]
+usage: identification.py [--quick] [--foreign | --whole COUNT] [--json FILE]
 """
 
 import json
@@ -230,7 +230,10 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    return over_the_papers(judged, identify(taught, steady=True).parameters, SETTLED_TICKS)
+    free, steady = (
+        over_the_papers(judged, identify(taught, steady=how).parameters, SETTLED_TICKS) for how in (False, True)
+    )
+    return free | {f"steady_{key}": ratio for key, ratio in steady.items()}
 
 
 def over_the_papers(judged, model, settled):
@@ -297,10 +300,16 @@ def main():
         __doc__, "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters"
     )
     options.add_argument("--foreign", action="store_true", help="only the canisters and the other sensors")
+    options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
     arguments = options.parse_args()
     if arguments.foreign:
         result = of_foreign(2 if arguments.quick else 12)
         result |= of_sensors(random_factors(2 if arguments.quick else 12, SPANS))
+        show(result)
+        save(result, arguments.json)
+        return 0
+    if arguments.whole:
+        result = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole])
         show(result)
         save(result, arguments.json)
         return 0

@@ -7,7 +7,7 @@ comes at every tick.
 
 from __future__ import annotations
 
-from math import expm1, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from fsw_control import SENSORS, weld
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
 from fsw_model.equations import MOTOR, N_POWER
+from fsw_plant.canister_process import added_kw
 from fsw_plant.config import PlantConfig
-from fsw_plant.lag import lag_left, lag_mean
+from fsw_plant.lag import lag_left, lag_mean, lag_risen
 from fsw_plant.sensors import BLOCK, noise_of
 
 Array = NDArray[np.float64]
@@ -163,8 +164,11 @@ class PlantBatch:
         moved, sent, depth = after[:6], after[6:10], after[10]
         fine = (depth > 0.0) & np.isfinite(after[6]) & ~self.stopped
         self.stopped = ~fine
-        rise = -expm1(-STEP_S / self.config.model.motor_lag_s)
-        moved[MOTOR] += rise * self._disturbed("torque")
+        added_nm = self._disturbed("torque")
+        moved[MOTOR] += lag_risen(self.config.model.motor_lag_s) * added_nm
+        more_kw = added_kw(added_nm, mean[1])
+        sent[0] += more_kw
+        sent[3] -= more_kw
         self._x = np.where(fine, moved, self._x)
         self._power[oldest] = np.where(fine, sent, self._power[oldest])
         self._oldest = newer

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import isfinite, pi
+from typing import Any
 
 from fsw_canister import CanisterState, HeatModel
 from fsw_canister.history import heated
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel, ProcessState
-from fsw_model.equations import TOOL
+from fsw_model.equations import MOTOR, TOOL, power_kw
 from fsw_model.process import driven_step
+from fsw_plant.lag import lag_mean, lag_risen
 from fsw_plant.tool_path import Motion
 from fsw_schema.models import InputError
 
@@ -39,6 +41,11 @@ class CanisterProcessState(ProcessState):
         return CanisterProcessState(self.x, self.power, deque(self.copper), self.canister)
 
 
+def added_kw(added_nm: Any, speed_rpm: Any) -> Any:
+    """Power (24) of a torque that is added, of floats or arrays."""
+    return power_kw(added_nm, speed_rpm)
+
+
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
@@ -57,11 +64,16 @@ class CanisterProcess:
         self._overlap = model.delay_steps - parameters.dead_time_s / STEP_S  # by which the dead time is less, of a step
         self._driven = driven_step(parameters)
 
-    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
+    def advance(
+        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+    ) -> None:
         """As of :class:`fsw_plant.process.PlantProcess`."""
         assert isinstance(state, CanisterProcessState)
         result = self._driven(*state.x, *self._met(state.copper), force_kn, speed_rpm)
         mean_kw, depth_mm = result[6:]
+        lag_s = self.parameters.motor_lag_s
+        if added_nm:  # which rises within the step as 1 - exp(-s / lag)
+            mean_kw += (1.0 - lag_mean(lag_s)) * added_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
             raise OperatingPointError(
                 f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
@@ -73,7 +85,7 @@ class CanisterProcess:
             raise OperatingPointError(str(error)) from None
         state.copper.append(self._deviation(state.canister))
         state.copper.popleft()
-        state.x = (*result[:3], state.copper[-1], *result[4:6])
+        state.x = (*result[:3], state.copper[-1], result[TOOL], result[MOTOR] + lag_risen(lag_s) * added_nm)
 
     def _met(self, copper: deque[float]) -> tuple[float, float]:
         """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""

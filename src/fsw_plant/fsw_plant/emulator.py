@@ -19,14 +19,13 @@ Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 from __future__ import annotations
 
 from dataclasses import replace
-from math import expm1
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_model import STEP_S, Equilibrium, OperatingPointError, ProcessState
+from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
@@ -248,8 +247,7 @@ class PlantEmulator:
         motion = self._travel.motion(self.tick)
         try:
             force_kn, speed_rpm = mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm
-            self._process.advance(self._state, force_kn, speed_rpm, motion)
-            _add_torque(self._state, self._disturbance("torque"), self.config.model.motor_lag_s)
+            self._process.advance(self._state, force_kn, speed_rpm, motion, self._disturbance("torque"))
             self._outputs = self._process.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
@@ -360,10 +358,3 @@ def _check_within(limits: Limits, start: Equilibrium, words: str) -> None:
         raise OperatingPointError(
             f"start: {words} needs {start.force_kn:.2f} kN and {start.speed_rpm:.1f} rpm, beyond the drives' limits"
         )
-
-
-def _add_torque(state: ProcessState, torque_nm: float, motor_lag_s: float) -> None:
-    """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
-    if torque_nm:
-        *others, motor_nm = state.x
-        state.x = (*others, motor_nm + -expm1(-STEP_S / motor_lag_s) * torque_nm)

@@ -8,8 +8,10 @@ from typing import Protocol
 
 from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
-from fsw_plant.canister_process import CanisterProcess
+from fsw_model.equations import MOTOR
+from fsw_plant.canister_process import CanisterProcess, added_kw
 from fsw_plant.config import PlantConfig
+from fsw_plant.lag import lag_risen
 from fsw_plant.tool_path import Motion
 
 #: is told the share that is done, and of what
@@ -30,8 +32,10 @@ class PlantProcess(Protocol):
             If there is no such start.
         """
 
-    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
-        """Advance ``state`` in place by one step with the inputs held.
+    def advance(
+        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+    ) -> None:
+        """Advance ``state`` in place by one step with the inputs held, and ``added_nm`` to M_sp of (18).
 
         Raises
         ------
@@ -57,9 +61,18 @@ class PaperProcess:
         """As of :class:`PlantProcess`."""
         return self._model.equilibrium(depth_mm, temperature_c)
 
-    def advance(self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion) -> None:
+    def advance(
+        self, state: ProcessState, force_kn: float, speed_rpm: float, motion: Motion, added_nm: float = 0.0
+    ) -> None:
         """As of :class:`PlantProcess`."""
         self._model.step(state, force_kn, speed_rpm)
+        if added_nm:
+            lag_s = self._model.parameters.motor_lag_s
+            state.x = (*state.x[:MOTOR], state.x[MOTOR] + lag_risen(lag_s) * added_nm)
+            # what is added rises within the step as 1 - exp(-s / lag): the first and the last function of the power
+            more_kw = added_kw(added_nm, speed_rpm)
+            constant, linear, square, fading = state.power[-1]
+            state.power[-1] = (constant + more_kw, linear, square, fading - more_kw)
 
     def refit(self, state: ProcessState) -> None:
         """As of :class:`PlantProcess`."""

@@ -66,6 +66,20 @@ def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
     assert plant.truth().copper_temperature_c == pytest.approx(20.0 + 0.1 * plant._state.canister.energy_kj)
 
 
+def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(block):
+    plants = plant_of(), plant_of()
+    plants[0].set_disturbance("torque", "step", 25.0)
+    for plant in plants:
+        advance(plant, 60)  # the motor settles
+    before, powers = [plant._state.canister.energy_kj for plant in plants], []
+    for _ in range(10):
+        for plant in plants:
+            advance(plant, 1)
+        powers.append(plants[0].truth().process_power_kw - plants[1].truth().process_power_kw)
+    more, less = (plant._state.canister.energy_kj - was for plant, was in zip(plants, before, strict=True))
+    assert sum(powers) > 8.0 and more - less == pytest.approx(0.1 * sum(powers), rel=0.02)
+
+
 def test_it_starts_where_the_thermocouple_shows_the_start_and_the_drives_give_the_heating_power(block):
     plant = plant_of(**{"start.power_kw": 48.0, "start.depth_mm": 2.7})
     truth = plant.truth()

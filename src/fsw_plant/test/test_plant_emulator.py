@@ -45,6 +45,20 @@ def test_first_tick_shows_the_equilibrium():
     assert plant.applied.force_kn == 78.4
 
 
+def test_a_torque_that_is_added_heats_as_much_as_the_motor_shows():
+    plant = plant_of(noise=False)
+    plant.set_disturbance("torque", "step", 25.0)
+    for _ in range(60):  # the motor settles
+        plant.measure()
+        plant.apply(plant.applied)
+        plant.step()
+    constant, rising, _, fading = plant._state.power[-1]
+    lag = plant.config.model.motor_lag_s / 0.1
+    sent_kw = constant + rising / 2.0 + fading * lag * (1.0 - exp(-1.0 / lag))
+    shown_kw = plant.truth().process_power_kw - plant.config.model.operating_power_kw
+    assert shown_kw > 0.9 and sent_kw == pytest.approx(shown_kw, abs=0.01)
+
+
 def test_measurement_shows_the_state_before_the_command_of_its_tick():
     plant = plant_of(noise=False)
     start = plant.applied
