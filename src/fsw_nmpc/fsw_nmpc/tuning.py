@@ -78,6 +78,28 @@ class EstimatorTuning(Model):
             raise problem(text, "heat_sigmas")
         return self
 
+    def walks(self) -> tuple[float, ...]:
+        """The walks in the library's order of states; slow and tool do not walk by themselves."""
+        walk = [0.0] * len(State)
+        walk[0], walk[2], walk[4:] = (
+            self.creep_walk_mm,
+            self.copper_walk_c,
+            (
+                self.motor_walk_nm,
+                self.force_walk_kn,
+                self.heat_walk_kw,
+                self.torque_scale_walk,
+                self.depth_offset_walk_mm,
+                self.temperature_offset_walk_c,
+                self.depth_rate_walk_mm_per_s,
+                self.temperature_rate_walk_c_per_s,
+                self.depth_gain_walk,
+                self.thermal_gain_walk,
+                self.delay_walk_s,
+            ),
+        )
+        return tuple(walk)
+
 
 class Tuning(Model):
     """Reference trajectories, cost and estimator."""
@@ -210,24 +232,6 @@ class Tuning(Model):
         e = self.estimator
         times = (self.depth_time_s, self.temperature_time_s)
         rate_memories_s = (e.depth_rate_memory_s, e.temperature_rate_memory_s)
-        walk = [0.0] * len(State)  # of the states in the library's order; slow and tool do not walk by themselves
-        walk[0], walk[2], walk[4:] = (
-            e.creep_walk_mm,
-            e.copper_walk_c,
-            (
-                e.motor_walk_nm,
-                e.force_walk_kn,
-                e.heat_walk_kw,
-                e.torque_scale_walk,
-                e.depth_offset_walk_mm,
-                e.temperature_offset_walk_c,
-                e.depth_rate_walk_mm_per_s,
-                e.temperature_rate_walk_c_per_s,
-                e.depth_gain_walk,
-                e.thermal_gain_walk,
-                e.delay_walk_s,
-            ),
-        )
         return KERNEL.new(
             "fsw_nmpc_tuning",
             trajectory=TRAJECTORIES.index(self.trajectory),
@@ -251,7 +255,7 @@ class Tuning(Model):
             input_max=(limits.force_max_kn, limits.speed_max_rpm),
             tolerance=tolerance,
             noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
-            walk=tuple(walk),
+            walk=e.walks(),
             offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,
             rate_keep=tuple(exp(-STEP_S / s) if s > 0.0 else 0.0 for s in rate_memories_s),
             jump_sigmas=e.jump_sigmas,

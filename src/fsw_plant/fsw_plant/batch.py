@@ -16,9 +16,9 @@ from fsw_control import SENSORS, weld
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
 from fsw_model.equations import MOTOR, N_POWER
-from fsw_plant.canister_process import added_kw, risen
+from fsw_plant.canister_process import added_kw
 from fsw_plant.config import PlantConfig
-from fsw_plant.lag import lag_left, lag_mean
+from fsw_plant.lag import lag_left, lag_mean, lag_risen
 from fsw_plant.sensors import BLOCK, noise_of
 
 Array = NDArray[np.float64]
@@ -165,7 +165,7 @@ class PlantBatch:
         fine = (depth > 0.0) & np.isfinite(after[6]) & ~self.stopped
         self.stopped = ~fine
         added_nm = self._disturbed("torque")
-        moved[MOTOR] += risen(self.config.model.motor_lag_s) * added_nm
+        moved[MOTOR] += lag_risen(self.config.model.motor_lag_s) * added_nm
         more_kw = added_kw(added_nm, mean[1])
         sent[0] += more_kw
         sent[3] -= more_kw

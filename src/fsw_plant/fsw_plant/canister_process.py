@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import expm1, isfinite, pi
+from math import isfinite, pi
 from typing import Any
 
 from fsw_canister import CanisterState, HeatModel
@@ -16,6 +16,7 @@ from fsw_canister.history import heated
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel, ProcessState
 from fsw_model.equations import MOTOR, TOOL, power_kw
 from fsw_model.process import driven_step
+from fsw_plant.lag import lag_mean, lag_risen
 from fsw_plant.tool_path import Motion
 from fsw_schema.models import InputError
 
@@ -45,11 +46,6 @@ def added_kw(added_nm: Any, speed_rpm: Any) -> Any:
     return power_kw(added_nm, speed_rpm)
 
 
-def risen(lag_s: float) -> float:
-    """Share of a step of its input that a first-order lag has reached after a step."""
-    return -expm1(-STEP_S / lag_s)
-
-
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
@@ -77,7 +73,7 @@ class CanisterProcess:
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
         if added_nm:  # which rises within the step as 1 - exp(-s / lag)
-            mean_kw += (1.0 - lag_s / STEP_S * risen(lag_s)) * added_kw(added_nm, speed_rpm)
+            mean_kw += (1.0 - lag_mean(lag_s)) * added_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
             raise OperatingPointError(
                 f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
@@ -89,7 +85,7 @@ class CanisterProcess:
             raise OperatingPointError(str(error)) from None
         state.copper.append(self._deviation(state.canister))
         state.copper.popleft()
-        state.x = (*result[:3], state.copper[-1], result[TOOL], result[MOTOR] + risen(lag_s) * added_nm)
+        state.x = (*result[:3], state.copper[-1], result[TOOL], result[MOTOR] + lag_risen(lag_s) * added_nm)
 
     def _met(self, copper: deque[float]) -> tuple[float, float]:
         """The copper as the tool meets it at start and end of the next step: what it was a dead time ago."""

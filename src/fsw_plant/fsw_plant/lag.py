@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, expm1
 
 from fsw_model import STEP_S
 
@@ -15,3 +15,8 @@ def lag_left(lag_s: float) -> float:
 def lag_mean(lag_s: float) -> float:
     """Mean over a tick of what a first-order lag leaves of a deviation."""
     return lag_s / STEP_S * (1.0 - lag_left(lag_s))
+
+
+def lag_risen(lag_s: float) -> float:
+    """Share of a step of its input that a first-order lag has reached after a tick."""
+    return -expm1(-STEP_S / lag_s)

@@ -9,8 +9,9 @@ from typing import Protocol
 from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
 from fsw_model.equations import MOTOR
-from fsw_plant.canister_process import CanisterProcess, added_kw, risen
+from fsw_plant.canister_process import CanisterProcess, added_kw
 from fsw_plant.config import PlantConfig
+from fsw_plant.lag import lag_risen
 from fsw_plant.tool_path import Motion
 
 #: is told the share that is done, and of what
@@ -67,7 +68,7 @@ class PaperProcess:
         self._model.step(state, force_kn, speed_rpm)
         if added_nm:
             lag_s = self._model.parameters.motor_lag_s
-            state.x = (*state.x[:MOTOR], state.x[MOTOR] + risen(lag_s) * added_nm)
+            state.x = (*state.x[:MOTOR], state.x[MOTOR] + lag_risen(lag_s) * added_nm)
             # what is added rises within the step as 1 - exp(-s / lag): the first and the last function of the power
             more_kw = added_kw(added_nm, speed_rpm)
             constant, linear, square, fading = state.power[-1]
