@@ -13,7 +13,8 @@ from fsw.outputs import write_text
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_model import ModelParameters
-from fsw_scenario.identification_design import AIMS, SAFE_C, SAFE_MM
+from fsw_plant.config import specs
+from fsw_scenario.identification_design import AIMS, SAFE_C, SAFE_MM, plant_factors
 from fsw_scenario.margins import GAIN_ACCURACY, texts
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError, Many, Model
@@ -281,13 +282,18 @@ _KNOWN = 5.0
 
 
 def identify_rows(parameters: ModelParameters, deviations: Mapping[str, float]) -> list[Row]:
-    """Standard deviations of what tuning depends on."""
+    """Standard deviations of what tuning depends on, and parameters beyond what the emulator takes."""
     rows = []
     for name in ("thermal_gain_c_per_kw", "copper_lag_s", "dead_time_s", "depth_gain_mm_per_kn_s", "softening_per_c"):
         value, most = getattr(parameters, name), _KNOWN * AIMS[name]
         share = deviations.get(name, np.inf) / abs(value)
         text = f"{value:.4g} ± {100.0 * share:.2g} %"
         rows.append(_row(name, text, f"known to {100.0 * most:.2g} %", share <= most))
+    for key, factor in plant_factors(parameters).items():
+        low, high = specs()[key].range or (-np.inf, np.inf)
+        if not low <= factor <= high:  # tuning could not try such a process, and no machine is known to be one
+            limit = f"{low:g} to {high:g}; repeat the experiment, with longer steps"
+            rows.append(_row(key.removeprefix("model."), f"{factor:.2g} of nominal", limit, False))
     return rows
 
 

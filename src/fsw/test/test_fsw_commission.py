@@ -184,6 +184,12 @@ def test_a_model_must_be_known_well():
     assert [row.what for row in identify_rows(parameters, known) if not row.good] == ["dead_time_s"]
 
 
+def test_a_model_that_tuning_cannot_try_fails_its_identification():
+    strange = ModelParameters().changed(depth_zero_s=1.65)
+    [row] = [row for row in identify_rows(strange, {}) if row.what == "depth_zero_s"]
+    assert not row.good and row.found == "0.056 of nominal" and row.limit.startswith("0.1 to 10; repeat the experiment")
+
+
 def test_the_nmpc_has_the_margins_of_the_tight_tuning():
     least = {"depth_gain": inf, "temperature_gain": 2.70, "depth_delay_s": 1.1, "temperature_delay_s": 6.2}
     found = {"depth_gain": inf, "temperature_gain": 2.65, "depth_delay_s": 1.8, "temperature_delay_s": 5.7}
