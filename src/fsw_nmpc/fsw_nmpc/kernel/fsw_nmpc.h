@@ -117,7 +117,7 @@ typedef enum {
   FSW_DEPTH_RATE, FSW_TEMP_RATE,             /* of the offsets, per s */
   FSW_DEPTH_GAIN,                            /* factor on the model's */
   FSW_THERMAL_GAIN,                          /* likewise on the effect of the power on the copper */
-  FSW_DELAY                                  /* of the power beyond the model's dead time, s; not used to predict */
+  FSW_DELAY                                  /* of the power beyond the model's dead time, s; used as far as it is certain */
 } fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
