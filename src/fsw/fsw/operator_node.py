@@ -12,6 +12,7 @@ from typing import Any
 import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.exceptions import InvalidNamespaceException
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
@@ -51,8 +52,8 @@ class Operator:
                 if time.monotonic() > end:
                     return False
                 rclpy.spin_once(self.node, timeout_sec=0.05)
-            except Exception:
-                if rclpy.ok():
+            except Exception as error:
+                if rclpy.ok() and not isinstance(error, ExternalShutdownException):
                     raise
                 # SIGTERM has shut ROS down, after which it raises various exceptions
                 raise KeyboardInterrupt from None
