@@ -151,11 +151,12 @@ class PlantBatch:
         self.position = self._setpoint + behind * self._left
         mean = self._setpoint + behind * self._mean
         disturbance = np.stack([self._disturbed("axial_force"), self._disturbed("spindle_speed")])
-        held_c, before_c = self.truth()[1], self.outputs[1]
+        before = (self.truth()[1], self.outputs[1]) if self._probe_lag_s else None
         self._advance(mean + disturbance, self.position + disturbance)
-        if self._probe_lag_s:
+        if before:
+            held_c, process_c = before
             left, late = lag_left(self._probe_lag_s), lag_mean(self._probe_lag_s)
-            self._probe_c = held_c + left * (self._probe_c - held_c) + (1.0 - late) * (self.outputs[1] - before_c)
+            self._probe_c = held_c + left * (self._probe_c - held_c) + (1.0 - late) * (self.outputs[1] - process_c)
         self.tick += 1
 
     def _advance(self, mean: Array, end: Array) -> None:
