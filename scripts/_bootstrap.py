@@ -83,7 +83,7 @@ def ensure(dev=False, oldest=False, extras=()):
                     _make(home, locks)
         except (OSError, subprocess.CalledProcessError) as error:
             missing = ", ".join(names)
-            sys.exit(f"[set-up] cannot write {home} ({missing}): {error}\n[set-up] run it once as who may write there")
+            sys.exit(f"[set-up] cannot write {home} ({missing}): {error}\n[set-up] run this once as a user who may write there")
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
@@ -108,7 +108,7 @@ def start(module, extras=()):
         main = importlib.import_module(module).main
         _on_interrupt(signal.default_int_handler)
         code = main()
-        if sys.stdout is not None:  # closed by who has started it
+        if sys.stdout is not None:  # closed by the parent process
             sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

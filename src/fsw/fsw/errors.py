@@ -32,7 +32,7 @@ def exit_code(action: Callable[[], int]) -> int:
     """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
     try:
         code = action()
-        if sys.stdout is not None:  # closed by who has started it
+        if sys.stdout is not None:  # closed by the parent process
             sys.stdout.flush()
         return code
     except SHOWN as error:
