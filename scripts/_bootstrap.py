@@ -82,8 +82,8 @@ def ensure(dev=False, oldest=False, extras=()):
                 if not _is_ready(home, locks):
                     _make(home, locks)
         except (OSError, subprocess.CalledProcessError) as error:
-            missing = ", ".join(names)
-            sys.exit(f"[set-up] cannot write {home} ({missing}): {error}\n[set-up] run this once as a user who may write there")
+            advice = "[set-up] run this once as a user who may write there"
+            sys.exit(f"[set-up] cannot write {home} ({', '.join(names)}): {error}\n{advice}")
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
