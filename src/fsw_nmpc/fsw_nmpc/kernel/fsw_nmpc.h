@@ -206,6 +206,9 @@ typedef struct {
   int is_refuted;                          /* whether no gain and delay fit: then nothing is taken for heat */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
+  double heat_kw;                          /* last heat that they showed, and how many ticks ago */
+  int heat_ticks;
+  int doubt_ticks;                         /* so long is nothing taken for heat while the power tells anything */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 
