@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import exp, log
 from typing import Any
 
@@ -32,10 +32,15 @@ FACTORS = {
     "model.sliding_friction": (0.9, 1.1),
     "model.softening_per_c": (0.5, 2.0),
 }
-#: On how many of the plants of a round something is right: the lag of the probe and the colour of the noise are none.
+#: Share of the plants on which the probe has no lag, and of those on which the noise is white.
 _AS_IN_MODEL = 0.5
-#: Rounds after the first one vary so many of the worst plants, by so much of the ranges.
-WORST, VARIED = 6, 0.15
+#: Random plants; then rounds, each with so many variations of so many of the worst plants, by so much of the ranges.
+FIRST, ROUNDS, WORST, VARIATIONS, VARIED = 60, 3, 6, 2, 0.15
+#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
+STEADY_C = 12.0
+#: By this a plant is the worst.
+JUDGED_BY = "iae_temperature_c_s"
+SEED = 27182
 Plant = dict[str, float]
 
 
@@ -53,7 +58,8 @@ def varied(plant: Plant, generator: random.Random) -> Plant:
     """A plant near another one, inside the ranges."""
     near = dict(plant)
     for name, (low, high) in UNIFORM.items():
-        near[name] = min(max(plant[name] + generator.gauss(0.0, VARIED) * (high - low), low), high)
+        if plant[name]:  # what is as in the model stays so
+            near[name] = min(max(plant[name] + generator.gauss(0.0, VARIED) * (high - low), low), high)
     for name, (low, high) in FACTORS.items():
         factor = exp(generator.gauss(0.0, VARIED) * log(high / low))
         near[name] = min(max(plant[name] * factor, low), high)
@@ -62,7 +68,8 @@ def varied(plant: Plant, generator: random.Random) -> Plant:
 
 def errors(job: Job) -> dict[str, float]:
     """IAE of both outputs, and the largest error of the temperature."""
-    truth, signals = (run := weld(job)).truth, run
+    signals = weld(job)
+    truth = signals.truth
     assert truth is not None  # a simulation has it
     depth = np.abs(truth.depth_mm - signals.reference_depth_mm)
     temperature = np.abs(truth.temperature_c - signals.reference_temperature_c)
@@ -73,13 +80,38 @@ def errors(job: Job) -> dict[str, float]:
     }
 
 
-def measured(plants: Sequence[Plant], columns: Sequence[str] = (FIXED, ADAPTIVE)) -> list[dict[str, Any]]:
-    """Errors of the columns in both cases, with noise, plant by plant."""
-    with controllers() as made, ProgressBar("search") as bar:
+def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
+    """Errors with and without adaptation in both cases, with noise, plant by plant."""
+    columns = (FIXED, ADAPTIVE)
+    with controllers() as made, ProgressBar(title) as bar:
         keys = [(plant, case, column) for plant in range(len(plants)) for case in CASES for column in columns]
         jobs = [Job(made[column][0], case, True, plants[i], made[column][1]) for i, case, column in keys]
         rows: list[dict[str, Any]] = [{"plant": plant, **{case: {} for case in CASES}} for plant in plants]
-        for done, ((i, case, column), one) in enumerate(zip(keys, on_all_cores(errors, jobs, chunksize=4), strict=True)):
+        for done, ((i, case, column), one) in enumerate(
+            zip(keys, on_all_cores(errors, jobs, chunksize=4), strict=True)
+        ):
             rows[i][case][column] = one
             bar((done + 1) / len(jobs))
     return rows
+
+
+def is_steady(row: Mapping[str, Any]) -> bool:
+    """Whether the tuning without adaptation does not swing itself."""
+    return all(row[case][FIXED]["peak_c"] < STEADY_C for case in CASES)
+
+
+def ratio(row: Mapping[str, Any], key: str) -> float:
+    """The larger of both cases' ratios of a figure, with over without adaptation."""
+    return max(float(row[case][ADAPTIVE][key] / row[case][FIXED][key]) for case in CASES)
+
+
+def searched() -> list[list[dict[str, Any]]]:
+    """Rounds of plants with their errors: random ones, then those near the worst of all before."""
+    generator = random.Random(SEED)
+    rounds = [measured([drawn(generator) for _ in range(FIRST)], "search: random plants")]
+    for number in range(ROUNDS):
+        known = [row for rows in rounds for row in rows if is_steady(row)]
+        worst = sorted(known, key=lambda row: ratio(row, JUDGED_BY), reverse=True)[:WORST]
+        near = [varied(row["plant"], generator) for row in worst for _ in range(VARIATIONS)]
+        rounds.append(measured(near, f"search: near the worst, round {number + 1}"))
+    return rounds

@@ -99,6 +99,15 @@ static void judge_fit(fsw_nmpc *c) {
   if (a->misfit > LARGEST_MISFIT) e->is_refuted = a->rival.is_refuted = 1;
 }
 
+/* Why nothing is taken for heat now. */
+fsw_doubt fsw_doubt_of(const fsw_nmpc *c) {
+  const fsw_estimator *e = &c->estimator;
+  if (!e->heated_ticks || !(c->tuning.heat_sigmas > 0.0)) return FSW_DOUBT_NOTHING;
+  if (e->is_refuted) return FSW_DOUBT_MISFIT;
+  if (e->x[FSW_DELAY] > LATE_S) return FSW_DOUBT_LATE;
+  return e->doubt_ticks ? FSW_DOUBT_ALTERNATING : FSW_DOUBT_NOTHING;
+}
+
 /* What both estimators doubt: the one in use decides, or its rival would explain with heat what the other one may not, and
  * win by that. */
 static void doubt_heat(fsw_nmpc *c) {
