@@ -35,7 +35,7 @@ FACTORS = {
 #: Share of the plants on which the probe has no lag, and of those on which the noise is white.
 _AS_IN_MODEL = 0.5
 #: Random plants; then rounds, each with so many variations of so many of the worst plants, by so much of the ranges.
-FIRST, ROUNDS, WORST, VARIATIONS, VARIED = 60, 3, 6, 2, 0.15
+FIRST, ROUNDS, WORST, VARIATIONS, VARIED = 60, 2, 6, 2, 0.15
 #: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
 STEADY_C = 12.0
 #: By this a plant is the worst.
