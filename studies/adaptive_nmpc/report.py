@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from adaptive_nmpc.search import STEADY_C, is_steady
+from adaptive_nmpc.search import JUDGED_BY, STEADY_C, is_steady
 from adaptive_nmpc.search import ratio as harm
 from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, NOISE_SEEDS, NOISY_PLANTS, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows
@@ -29,8 +29,12 @@ TOLERATED = 1.1
 BEYOND_NOISE = 2.0
 #: Figures of a late response, by their titles.
 LATE = {"largest error [°C]": "peak_c", "still moving [°C]": "moves_c"}
-#: Figures of the search, by their titles.
-SEARCHED = {"temperature": "iae_temperature_c_s", "depth": "iae_depth_mm_s"}
+#: Figures of the search and the cases from which the larger ratio is taken, by their titles.
+SEARCHED = {
+    "temperature, set-points": (JUDGED_BY, ["tracking"]),
+    "temperature, disturbances": (JUDGED_BY, ["disturbances"]),
+    "depth": ("iae_depth_mm_s", list(CASES)),
+}
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
 
@@ -155,25 +159,25 @@ def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
 
 
 def found_rows(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> Rows:
-    """Of each round of the search: the ratios of both IAE with over without adaptation."""
-    rows = [["round", "plants", *(f"{of}: {what}" for of in SEARCHED for what in ("median", "worst", "above"))]]
+    """Of each round of the search: the ratios of the IAE with over without adaptation."""
+    rows = [["", "plants", *SEARCHED]]
     for number, found in enumerate(rounds):
         kept = [row for row in found if is_steady(row)]
-        rows.append([f"{number}: near the worst" if number else "random", f"{len(kept)} of {len(found)}"])
-        for key in SEARCHED.values():
-            ratios = np.array([harm(row, key) for row in kept] or [np.nan])
-            rows[-1] += [f"{np.median(ratios):.2f}", f"{ratios.max():.2f}", f"{(ratios > TOLERATED).sum()}"]
+        rows.append(["near the worst" if number else "random", f"{len(kept)} of {len(found)}"])
+        for key, cases in SEARCHED.values():
+            ratios = np.array([harm(row, key, cases) for row in kept] or [np.nan])
+            rows[-1].append(f"{np.median(ratios):.2f}/{ratios.max():.2f}/{(ratios > TOLERATED).sum()}")
     return rows
 
 
 def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, float]:
     """Of all plants of the search that with the largest ratio of the temperature's IAE: in what it differs."""
     kept = [row for found in rounds for row in found if is_steady(row)]
-    row = max(kept, key=lambda one: harm(one, SEARCHED["temperature"]))
+    row = max(kept, key=lambda one: harm(one, JUDGED_BY))
     dead_s = nominal_parameters().dead_time_s
     plant = row["plant"]
     return {
-        "ratio": harm(row, SEARCHED["temperature"]),
+        "ratio": harm(row, JUDGED_BY),
         "later_s": (plant["model.dead_time_s"] - 1.0) * dead_s,
         "probe_s": plant["sensors.temperature_lag_s"],
         "gain": plant["model.thermal_gain_c_per_kw"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import exp, log
 from typing import Any
 
@@ -100,9 +100,9 @@ def is_steady(row: Mapping[str, Any]) -> bool:
     return all(row[case][FIXED]["peak_c"] < STEADY_C for case in CASES)
 
 
-def ratio(row: Mapping[str, Any], key: str) -> float:
-    """The larger of both cases' ratios of a figure, with over without adaptation."""
-    return max(float(row[case][ADAPTIVE][key] / row[case][FIXED][key]) for case in CASES)
+def ratio(row: Mapping[str, Any], key: str, cases: Iterable[str] = CASES) -> float:
+    """The largest of the cases' ratios of a figure, with over without adaptation."""
+    return max(float(row[case][ADAPTIVE][key] / row[case][FIXED][key]) for case in cases)
 
 
 def searched() -> list[list[dict[str, Any]]]:
