@@ -7,12 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import exp, log
 from typing import Any
 
-import numpy as np
-
-from adaptive_nmpc.study import ADAPTIVE, FIXED, controllers
+from adaptive_nmpc.study import ADAPTIVE, FIXED, controllers, errors
 from controller_comparison.processes import SENSORS
 from fsw.progress import ProgressBar
-from fsw_model import STEP_S
 from fsw_model import nominal as nominal_parameters
 from fsw_scenario.standard_cases import CASES
 from fsw_scenario.standard_runs import Job, on_all_cores, weld
@@ -66,18 +63,9 @@ def varied(plant: Plant, generator: random.Random) -> Plant:
     return near | {"seed": generator.randrange(1, 2**31)}
 
 
-def errors(job: Job) -> dict[str, float]:
-    """IAE of both outputs, and the largest error of the temperature."""
-    signals = weld(job)
-    truth = signals.truth
-    assert truth is not None  # a simulation has it
-    depth = np.abs(truth.depth_mm - signals.reference_depth_mm)
-    temperature = np.abs(truth.temperature_c - signals.reference_temperature_c)
-    return {
-        "iae_depth_mm_s": STEP_S * float(depth.sum()),
-        "iae_temperature_c_s": STEP_S * float(temperature.sum()),
-        "peak_c": float(temperature.max()),
-    }
+def errors_of(job: Job) -> dict[str, float]:
+    """Errors of both outputs in a weld."""
+    return errors(weld(job))
 
 
 def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
@@ -88,7 +76,7 @@ def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
         jobs = [Job(made[column][0], case, True, plants[i], made[column][1]) for i, case, column in keys]
         rows: list[dict[str, Any]] = [{"plant": plant, **{case: {} for case in CASES}} for plant in plants]
         for done, ((i, case, column), one) in enumerate(
-            zip(keys, on_all_cores(errors, jobs, chunksize=4), strict=True)
+            zip(keys, on_all_cores(errors_of, jobs, chunksize=4), strict=True)
         ):
             rows[i][case][column] = one
             bar((done + 1) / len(jobs))
@@ -97,7 +85,7 @@ def measured(plants: Sequence[Plant], title: str) -> list[dict[str, Any]]:
 
 def is_steady(row: Mapping[str, Any]) -> bool:
     """Whether the tuning without adaptation does not swing itself."""
-    return all(row[case][FIXED]["peak_c"] < STEADY_C for case in CASES)
+    return all(row[case][FIXED]["peak_temperature_error_c"] < STEADY_C for case in CASES)
 
 
 def ratio(row: Mapping[str, Any], key: str, cases: Iterable[str] = CASES) -> float:

@@ -108,8 +108,8 @@ def test_late_responses_are_counted_where_the_tuning_itself_does_not_swing():
 def found_plant(fixed_c, fixed, adaptive):
     """A row of the search."""
     both = {
-        study.FIXED: {"peak_c": fixed_c, "iae_temperature_c_s": fixed, "iae_depth_mm_s": 1.0},
-        study.ADAPTIVE: {"peak_c": 10.0, "iae_temperature_c_s": adaptive, "iae_depth_mm_s": 1.0},
+        study.FIXED: {"peak_temperature_error_c": fixed_c, "iae_temperature_c_s": fixed, "iae_depth_mm_s": 1.0},
+        study.ADAPTIVE: {"peak_temperature_error_c": 10.0, "iae_temperature_c_s": adaptive, "iae_depth_mm_s": 1.0},
     }
     plant = {name: 1.0 for name in (*search.UNIFORM, *search.FACTORS)}
     return {"plant": plant, "tracking": both, "disturbances": both}
