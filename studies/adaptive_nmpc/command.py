@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from adaptive_nmpc import report, study
+from adaptive_nmpc import report, search, study
 from fsw_campaign.software import versions
 
 #: random plants between two writings of the numbers
@@ -33,8 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not parsed.page:
         if parsed.fresh or data.get("software") != versions():  # rows of another version of the software do not count
             data = {"software": versions(), "random": {}}
-        parts = {"nominal": study.nominal, "saturated": lambda: study.saturated(welds), "drifts": study.drifts}
-        for name, part in (parts | {"margins": study.robustness, "noise": study.noise, "late": study.late}).items():
+        parts: dict[str, Callable[[], Any]] = {
+            **{"nominal": study.nominal, "saturated": lambda: study.saturated(welds), "drifts": study.drifts},
+            **{"margins": study.robustness, "noise": study.noise, "late": study.late, "search": search.searched},
+        }
+        for name, part in parts.items():
             if name not in data:
                 data[name] = part()
                 numbers.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")

@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
+from adaptive_nmpc.search import JUDGED_BY, STEADY_C, is_steady
+from adaptive_nmpc.search import ratio as harm
 from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, NOISE_SEEDS, NOISY_PLANTS, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
@@ -17,6 +19,7 @@ from fsw_analysis.figure_style import STYLE, colours_of
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import table, templates
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_model import nominal as nominal_parameters
 from fsw_scenario.standard_cases import CASES, EVENTS, SMITH, TIGHT
 from fsw_scenario.standard_runs import JUDGED, Figures
 
@@ -24,10 +27,14 @@ from fsw_scenario.standard_runs import JUDGED, Figures
 TOLERATED = 1.1
 #: A difference of two runs is beyond noise if it is more than so many of its standard deviations.
 BEYOND_NOISE = 2.0
-#: A step is 10 degC: with a larger error than this a process is one on which the tuning itself swings.
-STEADY_C = 12.0
 #: Figures of a late response, by their titles.
 LATE = {"largest error [°C]": "peak_c", "still moving [°C]": "moves_c"}
+#: Figures of the search and the cases from which the larger ratio is taken, by their titles.
+SEARCHED = {
+    "temperature, set-points": (JUDGED_BY, ["tracking"]),
+    "temperature, disturbances": (JUDGED_BY, ["disturbances"]),
+    "depth": ("iae_depth_mm_s", list(CASES)),
+}
 Plants = Sequence[Mapping[str, Figures]]
 Rows = list[list[str]]
 
@@ -151,6 +158,33 @@ def late_rows(data: Sequence[Mapping[str, Any]]) -> Rows:
     return rows
 
 
+def found_rows(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> Rows:
+    """Of each round of the search: the ratios of the IAE with over without adaptation."""
+    rows = [["", "plants", *SEARCHED]]
+    for number, found in enumerate(rounds):
+        kept = [row for row in found if is_steady(row)]
+        rows.append(["near the worst" if number else "random", f"{len(kept)} of {len(found)}"])
+        for key, cases in SEARCHED.values():
+            ratios = np.array([harm(row, key, cases) for row in kept] or [np.nan])
+            rows[-1].append(f"{np.median(ratios):.2f}/{ratios.max():.2f}/{(ratios > TOLERATED).sum()}")
+    return rows
+
+
+def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, float]:
+    """Of all plants of the search that with the largest ratio of the temperature's IAE: in what it differs."""
+    kept = [row for found in rounds for row in found if is_steady(row)]
+    row = max(kept, key=lambda one: harm(one, JUDGED_BY))
+    dead_s = nominal_parameters().dead_time_s
+    plant = row["plant"]
+    return {
+        "ratio": harm(row, JUDGED_BY),
+        "later_s": (plant["model.dead_time_s"] - 1.0) * dead_s,
+        "probe_s": plant["sensors.temperature_lag_s"],
+        "gain": plant["model.thermal_gain_c_per_kw"],
+        "lag": plant["model.copper_lag_s"],
+    }
+
+
 def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
     plants = ran(data["random"])
@@ -165,6 +199,7 @@ def page(data: Mapping[str, Any]) -> str:
         "drifts": drift_rows(data["drifts"]),
         "margins": margin_rows(data["margins"]),
         "late": late_rows(data["late"]),
+        "search": found_rows(data["search"]),
     }
     texts = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return (
@@ -185,6 +220,7 @@ def page(data: Mapping[str, Any]) -> str:
             of_dead_times=len(data["late"]),
             worse_late=sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in data["late"]),
             steady=STEADY_C,
+            worst=worst_plant(data["search"]),
         )
     )
 

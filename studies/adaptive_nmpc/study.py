@@ -170,10 +170,10 @@ def saturated_welds() -> dict[str, WeldSignals]:
 
 def saturated(welds: Mapping[str, WeldSignals]) -> dict[str, dict[str, float]]:
     """IAE and largest error of both outputs in such a weld."""
-    return {name: _errors(signals) for name, signals in welds.items()}
+    return {name: errors(signals) for name, signals in welds.items()}
 
 
-def _errors(signals: WeldSignals) -> dict[str, float]:
+def errors(signals: WeldSignals) -> dict[str, float]:
     truth = signals.truth
     assert truth is not None  # a simulation has it
     depth = np.abs(truth.depth_mm - signals.reference_depth_mm)
@@ -210,14 +210,14 @@ def drifts() -> dict[str, dict[str, list[float]]]:
             label, values = made[column]
             found = data[column] = {}
             for name, case in (("ramp", RAMP), ("sine", SINE)):
-                runs = [_errors(loop_of(Job(label, case, noise, parameters=values)).run()) for noise in (False, True)]
+                runs = [errors(loop_of(Job(label, case, noise, parameters=values)).run()) for noise in (False, True)]
                 found[name] = [run["iae_depth_mm_s"] for run in runs]
             for name, by_mm in (("deeper", FELT_MM), ("shallower", -FELT_MM)):
                 found[name] = []
                 for noise in (False, True):
                     loop = loop_of(Job(label, NOTHING, noise, parameters=values))
                     loop.plant = _Struck(loop.plant, by_mm, FELT_S)  # type: ignore[assignment]
-                    found[name].append(_errors(loop.run())["peak_temperature_error_c"])
+                    found[name].append(errors(loop.run())["peak_temperature_error_c"])
             rest = run_all([Job(label, REST, True, parameters=values)])
             found["rest"] = [one[VARIATIONS[0]] / one["duration_s"] for one in rest.values()]
     return data

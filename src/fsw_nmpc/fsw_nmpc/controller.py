@@ -13,7 +13,7 @@ from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Referen
 from fsw_control.parameters import defaults, load, problem
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, Reason, SolveStatus
 from fsw_nmpc.settings import Settings
 
 #: estimates of the estimator, in the library's order; depth and temperature are the offsets of their sensors
@@ -43,6 +43,11 @@ _DEVIATIONS = (
     "delay_deviation_s",
 )
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
+_DOUBTS = {
+    Doubt.LATE: "the response to the power is later than the model's",
+    Doubt.ALTERNATING: "what passes for heat changes its sign",
+    Doubt.MISFIT: "no gain and delay of the power explain the temperature",
+}
 _STATUS_TEXTS = {
     SolveStatus.OK: "solved",
     SolveStatus.ITERATION_CAP: "iteration cap",
@@ -178,7 +183,7 @@ class NmpcController:
             change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
         library.step()
         command = Command(outputs.force_kn, outputs.speed_rpm)
-        reason = self._reason(m) if outputs.reason else self._failure
+        reason = self._reason(m) if outputs.reason else self._failure or self._doubt()
         if outputs.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
             return Proposal(command, False, reason)
         diagnosis = Diagnosis(
@@ -215,6 +220,10 @@ class NmpcController:
             return "the applied command is more than a move outside the bounds"
         status = _STATUS_TEXTS[outputs.solve_status]
         return f"solver: {status}; following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
+
+    def _doubt(self) -> str:
+        doubt = _DOUBTS.get(self.library.output.doubt, "")
+        return doubt and f"adapting with caution: {doubt}, so heat is estimated only while the power rests"
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.

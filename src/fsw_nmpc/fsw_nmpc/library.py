@@ -20,6 +20,7 @@ Vector = NDArray[np.float64]
 KERNEL = CLibrary("fsw_nmpc", Path(__file__).parent / "kernel")
 SolveStatus = KERNEL.enum("fsw_solve_status", "FSW_")
 Reason = KERNEL.enum("fsw_reason", "FSW_")
+Doubt = KERNEL.enum("fsw_doubt", "FSW_DOUBT_")
 Missing = KERNEL.enum("fsw_missing", "FSW_NO_")
 State = KERNEL.enum("fsw_state", "FSW_")
 Trajectory = KERNEL.enum("fsw_trajectory", "FSW_")

@@ -9,7 +9,7 @@ from fsw_control import Reference
 from fsw_model import ProcessModel, nominal
 from fsw_model.equations import COPPER
 from fsw_nmpc import NmpcController
-from fsw_nmpc.library import State
+from fsw_nmpc.library import Doubt, State
 from fsw_test_support.nmpc_loop import TARGET, Loop
 
 P = nominal()
@@ -123,6 +123,74 @@ def test_a_response_later_than_both_ranges_refutes_them(not_adapting, later_s):
     assert errors[1400:1600].max() < 1.3 * max(
         10.0, np.abs(errors_c(not_adapting, dead_time_s=1.0 + later_s / 2.8)).max()
     )
+
+
+class SlowProbe(Welding):
+    """The thermocouple follows with a lag."""
+
+    def __init__(self, lag_s, **factors):
+        super().__init__(**factors)
+        self.lag_s, self.probe_c = lag_s, TARGET.temperature_c
+        self.doubts, self.reasons, self.heat_variance, self.is_late = [], [], [], []
+
+    def step(self, reference=TARGET, follow=None, **changes):
+        noise_c = changes["temperature_c"] - self.measure().temperature_c
+        self.probe_c += 0.1 / (self.lag_s + 0.1) * (self.measure().temperature_c - self.probe_c)
+        proposal = super().step(reference, follow, **(changes | {"temperature_c": self.probe_c + noise_c}))
+        state, heat = self.controller.library.state, State.HEAT
+        self.doubts.append(self.controller.library.output.doubt)
+        self.reasons.append(proposal.reason)
+        self.heat_variance.append(state.estimator.p[heat][heat])
+        self.is_late.append(state.estimator.is_late)
+        return proposal
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag_s", [1.0, 2.0, 3.0])
+def test_a_probe_that_lags_does_not_pass_for_heat(not_adapting, lag_s):
+    """When its innovations were taken for heat, the temperature swung by 10 degC for good with 3 s."""
+    adapting, fixed = SlowProbe(lag_s), SlowProbe(lag_s)
+    fixed.controller.configure({"tuning_file": str(not_adapting)})
+    for loop in (adapting, fixed):
+        for reference in STEPS:
+            loop.run(40, reference)
+    off, off_fixed = (np.abs(loop.error_c[400:]) for loop in (adapting, fixed))
+    assert off.sum() < 1.1 * off_fixed.sum()
+    assert off.max() < 1.1 * off_fixed.max()
+
+
+@pytest.mark.slow
+def test_while_heat_is_doubted_its_variance_grows_by_its_walk_alone_and_a_power_at_rest_ends_it():
+    loop = SlowProbe(3.0)
+    for reference in STEPS:
+        loop.run(30, reference)
+    doubts, variance = np.array(loop.doubts), np.array(loop.heat_variance)
+    walk = loop.controller.settings.tuning.estimator.heat_walk_kw**2
+    assert (doubts == Doubt.LATE).mean() > 0.3
+    same = np.diff(loop.is_late) == 0  # a rival that takes over brings its own
+    doubted = same & (doubts[:-1] != Doubt.NOTHING) & (doubts[1:] != Doubt.NOTHING)
+    assert (np.diff(variance)[doubted] <= walk + 1e-15).all()
+    assert {bool(doubt) for doubt in doubts[np.array(loop.reasons) != ""]} == {True}
+    assert not any(doubts[np.array(loop.reasons) == ""])
+    loop.run(90)
+    assert loop.doubts[-1] == Doubt.NOTHING and loop.reasons[-1] == ""
+
+
+@pytest.mark.slow
+def test_heat_of_alternating_sign_is_doubted_and_a_lasting_one_is_not():
+    """Both with the drives at work, so that the power tells something all the time."""
+
+    def doubts(heat_kw):
+        loop = SlowProbe(0.0, noise=False)
+        for tick in range(900):
+            x = list(loop.state.x)
+            x[COPPER] += 0.1 * heat_kw(0.1 * tick) * P.thermal_gain_c_per_kw / P.copper_lag_s
+            loop.state.x = tuple(x)
+            loop.run(0.1, HOTTER if tick // 150 % 2 else TARGET)
+        return set(loop.doubts)
+
+    assert Doubt.ALTERNATING in doubts(lambda time_s: 4.0 if time_s // 12 % 2 else -4.0)
+    assert doubts(lambda time_s: 4.0 * min(time_s / 60.0, 1.0)) == {Doubt.NOTHING}
 
 
 def test_what_is_not_certain_is_not_used():

@@ -1,7 +1,9 @@
 """The study of the adaptive preset: what it counts, and its page."""
 
+import random
+
 import pytest
-from adaptive_nmpc import report, study
+from adaptive_nmpc import report, search, study
 
 from fsw_scenario.controllers import make
 from fsw_scenario.standard_runs import JUDGED
@@ -81,6 +83,7 @@ def test_page_and_figure(tmp_path):
     data["noise"] = dict.fromkeys(JUDGED, 0.05)
     figures = {"peak_c": 10.0, "moves_c": 1.0, "iae_c_s": 100.0}
     data["late"] = [{"later_s": 3.0, study.FIXED: figures, study.ADAPTIVE: figures}]
+    data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
     page = report.page(data)
     assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
     report.draw(welds, tmp_path / "priority.png")
@@ -100,3 +103,32 @@ def test_late_responses_are_counted_where_the_tuning_itself_does_not_swing():
 
     rows = report.late_rows([one(10.0, 120.0), one(10.2, 105.0), one(40.0, 200.0)])
     assert rows[1] == ["3", "2 of 3", "10.2", "10.5", "1.0", "2.0", "1"]
+
+
+def found_plant(fixed_c, fixed, adaptive):
+    """A row of the search."""
+    both = {
+        study.FIXED: {"peak_temperature_error_c": fixed_c, "iae_temperature_c_s": fixed, "iae_depth_mm_s": 1.0},
+        study.ADAPTIVE: {"peak_temperature_error_c": 10.0, "iae_temperature_c_s": adaptive, "iae_depth_mm_s": 1.0},
+    }
+    plant = {name: 1.0 for name in (*search.UNIFORM, *search.FACTORS)}
+    return {"plant": plant, "tracking": both, "disturbances": both}
+
+
+def test_a_search_counts_the_plants_that_do_not_swing_without_adaptation():
+    rounds = [[found_plant(10.0, 100.0, 90.0), found_plant(30.0, 100.0, 300.0)], [found_plant(11.0, 100.0, 120.0)]]
+    assert [row[:3] for row in report.found_rows(rounds)[1:]] == [
+        ["random", "1 of 2", "0.90/0.90/0"],
+        ["near the worst", "1 of 1", "1.20/1.20/1"],
+    ]
+    assert report.worst_plant(rounds)["ratio"] == pytest.approx(1.2)
+
+
+def test_plants_of_a_search_keep_their_ranges_and_what_is_as_in_the_model():
+    generator = random.Random(1)
+    for plant in [search.drawn(generator) for _ in range(20)]:
+        near = search.varied(plant, generator)
+        assert near["seed"] != plant["seed"]
+        for name, (low, high) in (search.UNIFORM | search.FACTORS).items():
+            assert low <= near[name] <= high
+            assert plant[name] or not near[name]

@@ -17,6 +17,7 @@
 #define CERTAIN 3.0            /* standard deviations */
 #define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
 #define DELAY_STEP_S 0.05      /* likewise */
+#define LATE_S 0.5             /* a response that is later makes what passes for heat a part of it */
 #define MISFIT_KEEP 0.98       /* about five seconds */
 #define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
 
@@ -58,6 +59,16 @@ static void challenge(fsw_nmpc *c) {
   c->adaptation.evidence = 0.0;
 }
 
+/* Byte by byte: an estimator is too large for the stack. */
+static void exchange(fsw_estimator *one, fsw_estimator *other) {
+  unsigned char *a = (unsigned char *)one, *b = (unsigned char *)other;
+  for (unsigned i = 0; i < sizeof *one; i++) {
+    const unsigned char byte = a[i];
+    a[i] = b[i];
+    b[i] = byte;
+  }
+}
+
 static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_adaptation *a = &c->adaptation;
   fsw_estimator *e = &c->estimator;
@@ -68,9 +79,7 @@ static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
     a->evidence += more_likely(&a->rival, e, &c->tuning);
     if (a->evidence < LEAST_EVIDENCE) a->evidence = LEAST_EVIDENCE;
     if (a->evidence > ENOUGH_EVIDENCE) {
-      const fsw_estimator loser = *e;
-      *e = a->rival;
-      a->rival = loser;
+      exchange(e, &a->rival);
       a->evidence = 0.0;
     }
   }
@@ -88,6 +97,24 @@ static void judge_fit(fsw_nmpc *c) {
   }
   if (e->expected[TEMPERATURE] > 0.0) a->misfit += (1.0 - MISFIT_KEEP) * (square_of(e, &c->tuning) - a->misfit);
   if (a->misfit > LARGEST_MISFIT) e->is_refuted = a->rival.is_refuted = 1;
+}
+
+/* Why nothing is taken for heat now. */
+fsw_doubt fsw_doubt_of(const fsw_nmpc *c) {
+  const fsw_estimator *e = &c->estimator;
+  if (!e->heated_ticks || !(c->tuning.heat_sigmas > 0.0)) return FSW_DOUBT_NOTHING;
+  if (e->is_refuted) return FSW_DOUBT_MISFIT;
+  if (e->x[FSW_DELAY] > LATE_S) return FSW_DOUBT_LATE;
+  return e->doubt_ticks ? FSW_DOUBT_ALTERNATING : FSW_DOUBT_NOTHING;
+}
+
+/* What both estimators doubt: the one in use decides, or its rival would explain with heat what the other one may not, and
+ * win by that. */
+static void doubt_heat(fsw_nmpc *c) {
+  fsw_estimator *e = &c->estimator, *rival = &c->adaptation.rival;
+  const int least = e->x[FSW_DELAY] > LATE_S ? 2 : 0; /* of which the coming tick takes one */
+  if (e->doubt_ticks < least) e->doubt_ticks = least;
+  if (rival->doubt_ticks < e->doubt_ticks) rival->doubt_ticks = e->doubt_ticks;
 }
 
 /* The value nearest to the model's that is within CERTAIN standard deviations of the estimate. */
@@ -112,6 +139,7 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
   compete(c, in);
   judge_fit(c);
+  doubt_heat(c);
   const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
   a->gain = fsw_clip(e->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);

@@ -38,6 +38,8 @@
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
+#define ALTERNATING_TICKS 300 /* heat of the other sign within so long is none */
+#define DOUBT_TICKS 600       /* then nothing is taken for it for so long, unless the power rests */
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
 #define LARGEST_DELAY_S 1.0    /* either way from the middle of its range, and no more than half the dead time */
@@ -163,7 +165,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->recent = e->lasting = 0.0;
+  e->recent = e->lasting = e->heat_kw = 0.0;
+  e->heat_ticks = e->doubt_ticks = 0;
   e->is_excited = e->heated_ticks = e->is_telling = e->is_late = e->is_refuted = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
@@ -386,14 +389,19 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0) || e->is_refuted) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
+  if (e->heat_ticks < ALTERNATING_TICKS) e->heat_ticks++;
+  if (e->doubt_ticks > 0) e->doubt_ticks--;
   e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
   const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
   if (!(e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
   const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
   const double rate = share * (1.0 - LASTING_KEEP) * e->lasting * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
-  e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
   e->lasting = 0.0;
+  if (e->heated_ticks && e->heat_ticks < ALTERNATING_TICKS && e->heat_kw * heat < 0.0) e->doubt_ticks = DOUBT_TICKS;
+  e->heat_kw = heat;
+  e->heat_ticks = 0;
+  if (!(e->heated_ticks && e->doubt_ticks)) e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
 }
 
 static void clear_row(double row[N]) {

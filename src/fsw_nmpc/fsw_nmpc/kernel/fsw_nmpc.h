@@ -152,6 +152,14 @@ typedef enum {
   FSW_OUT_OF_BOUNDS
 } fsw_reason;
 
+/* Why the temperature's innovations are not taken for heat that the model lacks: only a power at rest tells it then. */
+typedef enum {
+  FSW_DOUBT_NOTHING,
+  FSW_DOUBT_LATE,                          /* the response to the power is later than the model's */
+  FSW_DOUBT_ALTERNATING,                   /* what passes for heat changes its sign: it is the response to the power */
+  FSW_DOUBT_MISFIT                         /* no gain and delay fit: the gain in use is no less than the model's, either */
+} fsw_doubt;
+
 /* Sensors missing for too long, as bits. */
 typedef enum { FSW_NO_DEPTH = 1, FSW_NO_TORQUE = 2, FSW_NO_TEMPERATURE = 4 } fsw_missing;
 
@@ -159,6 +167,7 @@ typedef struct {
   double force_kn, speed_rpm;              /* the proposal */
   int healthy, reason;
   int blind;                               /* bits of fsw_missing */
+  int doubt;                               /* fsw_doubt */
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
@@ -206,6 +215,9 @@ typedef struct {
   int is_refuted;                          /* whether no gain and delay fit: then nothing is taken for heat */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
+  double heat_kw;                          /* last heat that they showed, and how many ticks ago */
+  int heat_ticks;
+  int doubt_ticks;                         /* so long is nothing taken for heat while the power tells anything */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 
