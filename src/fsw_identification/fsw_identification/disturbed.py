@@ -33,8 +33,8 @@ _ROUNDS, _LARGEST_SHARE = 4, 0.4
 def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
     found: list[Shift] = []
-    for i, residuals in enumerate(problem.residuals):
-        sizes = _sizes(residuals / problem.noise)
+    for i, whitened in enumerate(problem.whitened):
+        sizes = _sizes(whitened / problem.noise, problem.left)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
@@ -46,16 +46,22 @@ def find_shifts(problem: Problem) -> list[Shift]:
     return found
 
 
-def _sizes(residuals: FloatArray) -> FloatArray:
-    """Difference of the means after and before each tick but the first, in its standard deviations."""
-    limited, known = np.nan_to_num(np.clip(residuals, -_CLIP, _CLIP)), np.isfinite(residuals)
+def _sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
+    """Estimate of a shift at each tick but the first, beside a level, in its standard deviations; of white noise it is
+    the difference of the means after and before."""
+    limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
     sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known))
-    at = np.arange(1, len(residuals))
-    low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(residuals))
+    at = np.arange(1, len(whitened))
+    low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(whitened))
     n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
+    # a whitened level is ``new`` everywhere, a whitened shift 1 at its tick and ``new`` after
+    new = 1.0 - left
+    after = (sums[high] - sums[at]) * new + limited[at] * left
+    level = (sums[high] - sums[low]) * new
     with np.errstate(all="ignore"):
-        difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
-        sizes = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
+        of_both, of_level = new * (1.0 + new * (n_after - 1.0)), new**2 * (n_before + n_after)
+        variance = 1.0 + new**2 * (n_after - 1.0) - of_both**2 / of_level
+        sizes = np.abs(after - of_both / of_level * level) / np.sqrt(variance)
     return np.asarray(np.where((n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2), 0.0, sizes))
 
 
@@ -71,12 +77,12 @@ def drop_small_shifts(problem: Problem) -> None:
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
     """Exclude windows in which the model does not follow an output; returns the excluded ones.
 
-    ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
+    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in the parameters that it biases.
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
     for _ in range(_ROUNDS):
-        found = [disturbed_windows(residuals, noise) for residuals in problem.residuals]
+        found = [disturbed_windows(whitened, noise) for whitened in problem.whitened]
         share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(axis=0)
         followed &= share < _LARGEST_SHARE
         new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
+from fsw_identification.noise import correlation_s
 from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, OUTPUTS, TEMPERATURE, TORQUE
 from fsw_identification.statistics import CORRELATED, long_run_factor
@@ -36,6 +37,8 @@ _LEVEL = "sliding_friction"
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: up to this share of disturbed windows the start is right, and the rest is a disturbance
 _SHARE_OF_DISTURBANCE = 0.25
+#: correlation of the residuals from tick to tick, of any output, from which on the noise is tried as coloured
+_COLOURED = 0.2
 #: iterations between two searches for shifts
 _FEW = 6
 #: assumed relative standard deviation of a parameter that is kept nominal
@@ -61,12 +64,14 @@ class Fit:
     covariance: FloatArray  #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
     kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
     noise: FloatArray  #: (3,): standard deviations of the residuals in the order of ``OUTPUTS``
-    #: (3,): by how much the variance of a mean of the residuals exceeds that of white noise; 1 where they are white
+    correlation_s: FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
+    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white noise; 1 where they are white
     colour: FloatArray
     segments: list[Segment]
     #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
     predicted: list[FloatArray]
     residuals: list[FloatArray]
+    whitened: list[FloatArray]
     disturbances: list[FloatArray]  #: (n, 5), in the order of ``WALKS``, by segment
     #: (2,): mean disturbance of the process and its standard deviation, kN and kW
     offset: FloatArray
@@ -138,11 +143,14 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
     best = _best_start(start, segments, free, first.noise, count, steady)
+    if not steady and (left := best.likely_left()).max() > _COLOURED:
+        other = _best_start(start, segments, free, first.noise, count, steady, left)
+        best = min(best, other, key=Problem.evidence)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
         best.solve(count)
-    notes = leave_out(best, first.noise, count)
+    notes = leave_out(best, _innovation(first.noise, best.left), count)
     drop_small_shifts(best)
     best.reject = True
     best.solve(count)
@@ -156,16 +164,23 @@ def _best_start(
     noise: FloatArray,
     count: Progress,
     steady: bool,
+    left: FloatArray | None = None,
 ) -> Problem:
-    """The solution with the largest evidence from several starts, as many as needed."""
+    """The solution with the largest evidence from several starts, as many as needed.
+
+    The noise is coloured if ``left`` is given, its correlation from tick to tick to start with.
+    """
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
-        solved = (_solve_steady if steady else _solve_twice)(scaled, segments, free, count)
+        solved = (
+            _solve_steady(scaled, segments, free, count) if steady else _solve_twice(scaled, segments, free, count, left)
+        )
         if best is None or solved.evidence() < best.evidence():
             best = solved
-        share = np.concatenate([disturbed_windows(one, noise) for one in solved.residuals]).mean(axis=0)
-        if (solved.noise < _AS_GOOD * noise).all() or (share < _SHARE_OF_DISTURBANCE).all():
+        alone = _innovation(noise, solved.left)
+        share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(axis=0)
+        if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
     return best
@@ -184,17 +199,21 @@ def _solve_steady(
 
 
 def _solve_twice(
-    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], count: Progress
+    start: ModelParameters,
+    segments: Sequence[Segment],
+    free: tuple[str, ...],
+    count: Progress,
+    left: FloatArray | None,
 ) -> Problem:
     """Solution from a start, with shifts and slow disturbances.
 
     Shifts are found in the residuals of a model that they have biased; so it is repeated from the start, with these
     shifts.
     """
-    problem = _solve(start, segments, free, [], np.zeros(0), count)
+    problem = _solve(start, segments, free, [], np.zeros(0), count, left)
     if not problem.shifts:
         return problem
-    again = _solve(start, segments, free, problem.shifts, problem.sizes, count)
+    again = _solve(start, segments, free, problem.shifts, problem.sizes, count, left)
     return min(problem, again, key=Problem.evidence)
 
 
@@ -205,11 +224,14 @@ def _solve(
     shifts: Sequence[Shift],
     sizes: FloatArray,
     count: Progress,
+    left: FloatArray | None,
 ) -> Problem:
     """Solution from a start with known shifts, and others that are found."""
     # without the weakly identifiable parameters first: the valley that they open is long and curved
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.set_shifts(shifts, sizes)
+    if left is not None:
+        problem.left, problem.coloured = left.copy(), True
     problem.solve(count)
     problem.free = free
     problem.solve(count)
@@ -251,6 +273,11 @@ def expected_deviations(
     problem.settle()
     covariance = np.linalg.inv(problem.information())
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))
+
+
+def _innovation(noise: FloatArray, left: FloatArray) -> FloatArray:
+    """Standard deviation of whitened noise from the differences' ``noise`` of :func:`_sensor_noise`."""
+    return np.asarray(noise * np.sqrt(1.0 + left))
 
 
 def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
@@ -304,13 +331,16 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
 
 
 def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
-    residuals = problem.residuals
+    residuals, whitened = problem.residuals, problem.whitened
     if problem.reject:
-        inside = [np.where(weights > 0.0, one, np.nan) for one, weights in zip(residuals, problem.weights, strict=True)]
+        inside, whitened = (
+            [np.where(weights > 0.0, one, np.nan) for one, weights in zip(every, problem.weights, strict=True)]
+            for every in (residuals, whitened)
+        )
         count = np.isfinite(np.concatenate(residuals)).sum(axis=0) - np.isfinite(np.concatenate(inside)).sum(axis=0)
         notes = notes + [f"{name}: {n} samples left out: outliers" for name, n in zip(OUTPUTS, count, strict=True) if n]
         residuals = inside
-    colour = np.array([long_run_factor([one[:, i] for one in residuals]) for i in range(3)])
+    colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
@@ -323,11 +353,13 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         free=problem.free,
         covariance=covariance[:n, :n],
         kept=kept,
-        noise=white,
+        noise=white / np.sqrt(1.0 - problem.left**2),
+        correlation_s=correlation_s(problem.left),
         colour=colour,
         segments=problem.segments,
         predicted=problem.predicted,
         residuals=residuals,
+        whitened=whitened,
         disturbances=problem.disturbances(),
         offset=offset,
         offset_std=offset_std,

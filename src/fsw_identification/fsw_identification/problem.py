@@ -7,7 +7,7 @@ minimised changes from step to step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +15,7 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
+from fsw_identification.noise import Whitening, left_of, whitening
 from fsw_identification.simulation import (
     DEPENDS,
     DEPTH,
@@ -55,6 +56,8 @@ WALK = np.stack([WALK, 0.03 * WALK], axis=1)
 _SETTLING_TICKS = (0, 40, 20)
 #: smallest noise that is assumed, so that noise-free data do not get infinite weight
 NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
+#: shortest and longest correlation times of the noise that are tried [s], and a relative change that matters
+_CORRELATION_S, _COLOUR_SETTLED = (0.02, 30.0), 0.1
 #: residuals beyond this many standard deviations are left out, at the end
 OUTLIER = 5.0
 _HUBER = 3.0
@@ -100,8 +103,9 @@ class _Part:
     output: int
     response: Response
     walk: Walks
-    data: Compressed
+    columns: FloatArray  #: (n, 1 + border): residuals and slopes
     at_knots: FloatArray  #: (k, p)
+    data: Compressed = field(init=False)
 
     def shown(self) -> FloatArray:
         """Without shifts."""
@@ -124,7 +128,9 @@ class Problem:
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.parameters, self.free = start, tuple(free)
-        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's residuals
+        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's whitened residuals
+        self.left = np.zeros(len(OUTPUTS))  #: (3,): correlation of the noise of each output from tick to tick
+        self.coloured = False  #: whether ``left`` is estimated
         #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
         self.walk = WALK[1].copy()
         self.fixed_walk = True  #: whether ``walk`` stays as it is
@@ -135,7 +141,7 @@ class Problem:
         self.segments = list(segments)
         self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
         #: (n, 3) by segment, at the last solution
-        self.predicted, self.residuals = list[FloatArray](), list[FloatArray]()
+        self.predicted, self.residuals, self.whitened = list[FloatArray](), list[FloatArray](), list[FloatArray]()
         self._known = [measured(segment, start) for segment in segments]
         self._parts: list[_Part] = []
 
@@ -195,9 +201,17 @@ class Problem:
                 if slopes:
                     columns.insert(1, self._slopes(i, output, at_knots))
                 columns[0] = columns[0] - (response.factor * response.course)[:, None]
-                data = compress(walk, response.factor, np.hstack(columns), self.weights[i][:, output])
-                parts.append(_Part(i, output, response, walk, data, at_knots))
+                part = _Part(i, output, response, walk, np.hstack(columns), at_knots)
+                self._compress(part)
+                parts.append(part)
         return parts
+
+    def _whitening(self, i: int, output: int) -> Whitening:
+        return whitening(np.isfinite(_settled(self.segments[i].measured)[:, output]), float(self.left[output]))
+
+    def _compress(self, part: _Part) -> None:
+        white, weights = self._whitening(part.segment, part.output), self.weights[part.segment][:, part.output]
+        part.data = compress(part.walk, part.response.factor, part.columns, weights, white)
 
     def eliminate(
         self, parts: Sequence[_Part], slopes: bool, sizes: FloatArray | None = None
@@ -232,7 +246,7 @@ class Problem:
         """
         _, self._parts, sizes = self._profile(self.parameters)
         self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
-        self.predicted, self.residuals = [], []
+        self.predicted, self.residuals, self.whitened = [], [], []
         for i, segment in enumerate(self.segments):
             parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
             shifts, of_sensor = (
@@ -241,6 +255,7 @@ class Problem:
             )
             self.predicted.append(np.column_stack([part.shown() for part in parts]) + shifts)
             self.residuals.append(_settled(segment.measured) - self.predicted[-1])
+            self.whitened.append(np.column_stack([self._white(i, output) for output in range(3)]))
             slow = np.column_stack([_between(part.at_knots[:, -1], segment.n_ticks) for part in parts])
             seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
             depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
@@ -279,11 +294,50 @@ class Problem:
                 found[at] = np.exp(best.x)
         return found
 
+    def _white(self, i: int, output: int) -> FloatArray:
+        """Whitened residuals."""
+        return self._whitening(i, output).of(self.residuals[i][:, output])
+
+    def estimate_colour(self, parts: Sequence[_Part]) -> None:
+        """Take the correlations of the noise with the largest evidence."""
+        for output in range(len(OUTPUTS)):
+            of_output = [part for part in parts if part.output == output]
+
+            def take(log_s: float, output: int = output, of_output: list[_Part] = of_output) -> float:
+                self.left[output] = left_of(np.exp(log_s))
+                self._take_noise(output)
+                for part in of_output:
+                    self._compress(part)
+                return self._evidence(*self.eliminate(of_output, True)) + self._of_samples(output)
+
+            bounds = np.log(_CORRELATION_S)
+            take(scipy.optimize.minimize_scalar(take, method="bounded", bounds=bounds, options={"xatol": 0.1}).x)
+
+    def likely_left(self) -> FloatArray:
+        """Correlation of each output's noise from tick to tick with the largest evidence; nothing is changed."""
+        before = self.left.copy(), self.noise.copy()
+        self.estimate_colour(self.linearised(self.parameters, True))
+        found = self.left
+        self.left, self.noise = before
+        return found
+
+    def _of_samples(self, output: int) -> float:
+        """What the density of the samples adds to minus twice the logarithm of the evidence."""
+        found = 0.0
+        for i, weights in enumerate(self.weights):
+            scale = self._whitening(i, output).scale[weights[:, output] > 0.0]
+            found += 2.0 * float(np.log(self.noise[output] / scale).sum())
+        return found
+
+    def _take_noise(self, output: int) -> None:
+        """From the whitened residuals, without outliers."""
+        whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
+        self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
+
     def evidence(self) -> float:
         """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
-        samples = np.sum([(weights > 0.0).sum(axis=0) for weights in self.weights], axis=0)
         found = self._evidence(*self.eliminate(self.linearised(self.parameters, True), True))
-        return found + 2.0 * float(samples @ np.log(self.noise))
+        return found + sum(map(self._of_samples, range(len(OUTPUTS))))
 
     def _evidence(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
         """At these parameters, with the best shifts."""
@@ -292,11 +346,11 @@ class Problem:
         return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
 
     def estimate_noise(self) -> None:
-        """Noise of each output from its residuals, without outliers; and the weights of the samples."""
-        columns = np.concatenate(self.residuals).T
-        self.noise = np.array([max(_spread(one), low) for one, low in zip(columns, NOISE_FLOOR, strict=True)])
-        for i, residuals in enumerate(self.residuals):
-            size = np.abs(np.nan_to_num(residuals / self.noise, nan=np.inf))
+        """Noise of each output; and the weights of the samples."""
+        for output in range(len(OUTPUTS)):
+            self._take_noise(output)
+        for i, whitened in enumerate(self.whitened):
+            size = np.abs(np.nan_to_num(whitened / self.noise, nan=np.inf))
             huber = np.where(np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0)
             self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if self.reject else huber
 
@@ -313,9 +367,14 @@ class Problem:
             self.estimate_noise()
             before, self._parts, _ = self._profile(self.parameters)
             parts, settled = self.linearised(self.parameters, True), True
+            if self.coloured:
+                earlier = self.left.copy()
+                self.estimate_colour(parts)
+                settled = bool((np.abs(self.left - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
+                before, self._parts, _ = self._profile(self.parameters)
             if not self.fixed_walk:
                 earlier, self.walk = self.walk, self._likely_walk(parts)
-                settled = bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
+                settled &= bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
                 before, self._parts, _ = self._profile(self.parameters)
             damping, size = self._descend(self.eliminate(parts, True)[0], before, damping)
             if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
