@@ -77,7 +77,8 @@ def drop_small_shifts(problem: Problem) -> None:
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
     """Exclude windows in which the model does not follow an output; returns the excluded ones.
 
-    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in the parameters that it biases.
+    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in the parameters that
+    it biases.
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))

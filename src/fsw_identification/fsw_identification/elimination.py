@@ -56,9 +56,7 @@ def knots(n_ticks: int) -> int:
     return -(-n_ticks // KNOT_TICKS) + 1
 
 
-def compress(
-    walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening
-) -> Compressed:
+def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening) -> Compressed:
     """Rows of the data; ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) is that of
     what the knots add, ``weights`` (n,) are of the whitened rows.
 

@@ -63,9 +63,9 @@ class Fit:
     free: tuple[str, ...]  #: names of the estimated parameters
     covariance: FloatArray  #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
     kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
-    noise: FloatArray  #: (3,): standard deviations of the residuals in the order of ``OUTPUTS``
+    noise: FloatArray  #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
     correlation_s: FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
-    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white noise; 1 where they are white
+    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white noise; 1: they are white
     colour: FloatArray
     segments: list[Segment]
     #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
@@ -143,8 +143,8 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
     best = _best_start(start, segments, free, first.noise, count, steady)
-    if not steady and (left := best.likely_left()).max() > _COLOURED:
-        other = _best_start(start, segments, free, first.noise, count, steady, left)
+    if not steady and (correlation := best.likely_left()).max() > _COLOURED:
+        other = _best_start(start, segments, free, first.noise, count, steady, correlation)
         best = min(best, other, key=Problem.evidence)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
@@ -173,9 +173,10 @@ def _best_start(
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
-        solved = (
-            _solve_steady(scaled, segments, free, count) if steady else _solve_twice(scaled, segments, free, count, left)
-        )
+        if steady:
+            solved = _solve_steady(scaled, segments, free, count)
+        else:
+            solved = _solve_twice(scaled, segments, free, count, left)
         if best is None or solved.evidence() < best.evidence():
             best = solved
         alone = _innovation(noise, solved.left)
@@ -343,6 +344,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
     colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
+    by_doubt = np.eye(len(covariance)) - covariance @ problem.by_doubt()
+    covariance = by_doubt @ covariance @ by_doubt.T
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
     offset, offset_std = _mean_disturbance(problem, covariance)
     problem.noise = white

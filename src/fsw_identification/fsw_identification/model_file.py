@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from fsw_identification.estimation import Fit
+from fsw_identification.noise import WHITE_S
+from fsw_identification.simulation import OUTPUTS
 from fsw_model import ModelParameters
 
 #: a mean disturbance that is larger than this many standard deviations goes into the point of linearisation
@@ -24,6 +26,15 @@ def estimates(fit: Fit, air: dict[str, float] | None = None) -> dict[str, tuple[
     return known
 
 
+def coloured(fit: Fit) -> list[str]:
+    """Noise that is not white, one line each."""
+    return [
+        f"noise of {name}: standard deviation {noise:.2g}, correlated over {correlation_s:.2g} s"
+        for name, noise, correlation_s in zip(OUTPUTS, fit.noise, fit.correlation_s, strict=True)
+        if correlation_s > WHITE_S
+    ]
+
+
 def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     """YAML that :meth:`fsw_model.ModelParameters.from_yaml` reads; ``sources`` says where the data are from."""
     nominal, known = dict(ModelParameters()), estimates(fit, air)
@@ -34,6 +45,7 @@ def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     for name, value in dict(fit.parameters).items():
         if name not in known and value != nominal[name]:
             lines.append(f"{name}: {value!r}  # as given; nominal {nominal[name]:g}")
+    lines += [f"# {line.capitalize()}" for line in coloured(fit)]
     lines += ["# Not identifiable from the data, kept nominal:"] * bool(fit.kept)
     lines += [f"#   {name}: {why}" for name, why in fit.kept.items()]
     return "\n".join(lines) + "\n"

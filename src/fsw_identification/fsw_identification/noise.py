@@ -14,6 +14,9 @@ from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_control.weld import TICK_S
 from fsw_identification.simulation import KNOT_TICKS
 
+#: noise that is correlated over less is called white [s]
+WHITE_S = 0.05
+
 
 class Whitening(NamedTuple):
     """Of the samples of one output of one segment, (n,) each: ``scale (sample - share sample before)``."""

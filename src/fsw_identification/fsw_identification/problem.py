@@ -222,12 +222,15 @@ class Problem:
         of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
         border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0])
         for part in parts:
-            which, states = list(_WALKS_OF[part.output]), _STATE_PRIOR[part.output]
-            start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
-            steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
-            found.append(eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps))
+            found.append(self._eliminated(part, walk))
             border += found[-1].border
         return border, found
+
+    def _eliminated(self, part: _Part, walk: FloatArray) -> Eliminated:
+        which, states = list(_WALKS_OF[part.output]), _STATE_PRIOR[part.output]
+        start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
+        steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
+        return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
 
     def _profile(self, p: ModelParameters) -> tuple[float, list[_Part], FloatArray]:
         """Cost at parameters, with the best knots, shifts and share, these and these."""
@@ -266,10 +269,35 @@ class Problem:
     def _doubt(self) -> None:
         """Take the slow disturbance of the temperature for what may be of the sensor."""
         for part in self._parts[TEMPERATURE::3]:
-            settled = part.at_knots.copy()
-            settled[0, :-4] = settled[0, -2]
-            warmer = shown(part.response, part.walk, driven(part.walk, settled)) - part.response.course
-            self._known[part.segment] = self._known[part.segment]._replace(doubtful_c=warmer - warmer[0])
+            doubtful = self._warmer(part, part.at_knots)
+            self._known[part.segment] = self._known[part.segment]._replace(doubtful_c=doubtful)
+
+    def _warmer(self, part: _Part, at_knots: FloatArray) -> FloatArray:
+        """What values at the knots of a temperature add to it since the beginning."""
+        settled = at_knots.copy()
+        settled[0, :-4] = settled[0, -2]
+        added = shown(part.response, part.walk, driven(part.walk, settled)) - part.response.course
+        return np.asarray(added - added[0])
+
+    def by_doubt(self) -> FloatArray:
+        """Information that the border shares with errors of the free parameters, as far as these get into the depth by
+        what is taken for doubtful in the temperature; it is treated as known otherwise."""
+        n = len(self.free) + len(self.shifts) + 1
+        found = np.zeros((n, n))
+        if self.fixed_walk:
+            return found
+        parts = self.linearised(self.parameters, True)
+        for depth, temperature, eliminated in zip(
+            parts[DEPTH::3], parts[TEMPERATURE::3], self.eliminate(parts, True)[1][TEMPERATURE::3], strict=True
+        ):
+            known, p = self._known[depth.segment], self.parameters
+            by_rise = (self.share - 1.0) * p.softening_per_c * known.depth_mm / softened(p, known)
+            by_free = np.moveaxis(-eliminated.values[:, :, 1 : 1 + len(self.free)], 2, 0)
+            courses = [self._warmer(temperature, at_knots) for at_knots in by_free]
+            depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
+            self._compress(depth)
+            found[:, : len(self.free)] += self._eliminated(depth, self.walk).border[1 : 1 + n, 1 + n :]
+        return found
 
     def information(self) -> FloatArray:
         """Of free parameters, shifts and share, of data and prior."""

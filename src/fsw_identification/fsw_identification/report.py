@@ -81,7 +81,7 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
                 both_s, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
             )
         axis.set_title(
-            f"residuals of {NAMES[output]}: correlation, bounds of 99 % (left of 0: feedback)",
+            f"whitened residuals of {NAMES[output]}: correlation, bounds of 99 % (left of 0: feedback)",
             loc="left",
             fontsize=10.0,
         )

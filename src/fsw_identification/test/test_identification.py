@@ -129,7 +129,7 @@ def test_estimate_with_its_deviations() -> None:
     assert fit.std["dead_time_s"] < 0.1 and fit.std["thermal_gain_c_per_kw"] < 1.0
     assert fit.noise == pytest.approx(NOISE, rel=0.1)
     assert not fit.shifts and not fit.notes
-    judged = statistics.judge(fit.segments, fit.residuals)
+    judged = statistics.judge(fit.segments, fit.residuals, fit.whitened)
     assert all(max(judged.outside(output)) < 0.1 for output in range(3))
 
 
@@ -332,7 +332,7 @@ def test_a_short_weld() -> None:
 def test_validation_shows_a_wrong_model() -> None:
     segment = only(weld(seed=3))
     right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
-    fits = [statistics.judge(one.segments, one.residuals).fit_percent for one in (right, wrong)]
+    fits = [statistics.judge(one.segments, one.residuals, one.whitened).fit_percent for one in (right, wrong)]
     assert all(good > 80.0 for good in fits[0]) and fits[1][1] < fits[0][1] - 10.0
 
 
