@@ -230,15 +230,14 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    free, steady = (
-        over_the_papers(judged, identify(taught, steady=how).parameters, SETTLED_TICKS) for how in (False, True)
-    )
+    free, steady = (over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS) for how in (False, True))
     return free | {f"steady_{key}": ratio for key, ratio in steady.items()}
 
 
-def over_the_papers(judged, model, settled):
-    """Errors of predictions by a model over those of the paper's model."""
-    own, papers = (prediction_errors(judged, one, settled) for one in (model, nominal()))
+def over_the_papers(judged, fit, settled):
+    """Errors of predictions by an identified model over those of the paper's model."""
+    own = prediction_errors(judged, fit.parameters, settled, fit.lag_s[0] if fit.lag_s else 0.0)
+    papers = prediction_errors(judged, nominal(), settled)
     return {key: own[key] / papers[key] for key in own}
 
 
@@ -276,17 +275,17 @@ def sensed(job):
     lag_s = specs()["actuators.lag_s"].default
     fit = identify(prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors}), lag_s).segments)
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
-    return *errors_of(fit, factors), over_the_papers(judged, fit.parameters, 0), disturbances(fit)
+    return *errors_of(fit, factors), over_the_papers(judged, fit, 0), disturbances(fit)
 
 
-def prediction_errors(segments, model, settled):
+def prediction_errors(segments, model, settled, lag_s=0.0):
     """RMS error of a model one tick and 30 s ahead: of the change of an output, by the inputs and the other outputs."""
     found = {}
     for output, name in enumerate(OUTPUTS):
         for ticks in (1, 300):
             wrong = []
             for segment in segments:
-                response = respond(output, model, segment, measured(segment, model))
+                response = respond(output, model, segment, measured(segment, model, lag_s))
                 left = (segment.measured[:, output] - response.factor * response.course)[settled:]
                 wrong.append(left[ticks:] - left[:-ticks])
             wrong = np.concatenate(wrong)

@@ -69,7 +69,7 @@ def drop_small_shifts(problem: Problem) -> None:
     """Drop shifts that turned out to be insignificant, e.g. at the end of an excluded window."""
     if not problem.shifts:
         return
-    variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -1]
+    variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -2]
     real = np.abs(problem.sizes) > _REAL_SHIFT * np.sqrt(variances)
     problem.set_shifts([problem.shifts[i] for i in np.flatnonzero(real)], problem.sizes[real])
 

@@ -50,6 +50,7 @@ class Knowledge(NamedTuple):
     torque_nm: FloatArray  #: that acts in addition to the model's
     #: slow disturbance of the temperature, of which only a share is known to be of the tool; that is in ``rise_c``
     doubtful_c: FloatArray
+    rate_c_per_s: FloatArray  #: at which the temperature is measured to rise
 
 
 def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge) -> Response:
@@ -178,3 +179,11 @@ def shown(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
     """An output of values at the knots, without shifts."""
     added = at_knots[:-1] @ walk.here[:-1].T + at_knots[1:] @ walk.ahead[:-1].T
     return np.asarray(response.factor * (response.course + added.ravel()[: response.course.size]))
+
+
+def added(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
+    """What values at the knots add to an output since the beginning; the disturbance of the input has settled there."""
+    settled = at_knots.copy()
+    settled[0, :-4] = settled[0, -2]
+    course = shown(response, walk, driven(walk, settled)) - response.factor * response.course
+    return np.asarray(course - course[0])

@@ -86,7 +86,7 @@ def scores(fit: estimation.Fit, p: ModelParameters = OTHER) -> dict[str, float]:
 
 def measured(segment: Segment, p: ModelParameters) -> Knowledge:
     depth, temperature, _ = segment.measured.T
-    return Knowledge(temperature - p.operating_temperature_c, depth, *np.zeros((2, segment.n_ticks)))
+    return Knowledge(temperature - p.operating_temperature_c, depth, *np.zeros((3, segment.n_ticks)))
 
 
 @pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
