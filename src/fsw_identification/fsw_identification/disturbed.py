@@ -14,7 +14,7 @@ from fsw_identification.problem import HEAT, Problem, Shift
 from fsw_identification.simulation import OUTPUTS
 
 #: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
-_SHIFT_TICKS, _SHIFT = 30, 9.0
+_SHIFT_TICKS, SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
 #: a shift of fewer standard deviations is dropped in the end
 _REAL_SHIFT = 5.0
@@ -34,11 +34,11 @@ def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
     found: list[Shift] = []
     for i, whitened in enumerate(problem.whitened):
-        sizes = _sizes(whitened / problem.noise, problem.left)
+        sizes = shift_sizes(whitened / problem.noise, problem.left)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
-            if sizes[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
+            if sizes[:, output].max() > SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
                 found.append(shift)
                 heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
                 if output == OUTPUTS.index("torque_nm") and not heating:
@@ -46,7 +46,7 @@ def find_shifts(problem: Problem) -> list[Shift]:
     return found
 
 
-def _sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
+def shift_sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
     """Estimate of a shift at each tick but the first, beside a level, in its standard deviations; of white noise it is
     the difference of the means after and before."""
     limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)

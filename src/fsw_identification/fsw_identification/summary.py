@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fsw_identification.estimation import Fit
-from fsw_identification.model_file import coloured, estimates
+from fsw_identification.model_file import estimates, of_sensors
 from fsw_identification.noise import WHITE_S
 from fsw_identification.problem import HEAT, WALKS
 from fsw_identification.simulation import OUTPUTS
@@ -109,7 +109,7 @@ def remarks(result: Summary) -> list[str]:
     correlation = fit.correlation
     for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):
         lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")
-    lines += [f"{line}; no disturbances are seen in such noise that are smaller and as slow" for line in coloured(fit)]
+    lines += of_sensors(fit)
     for i, name in enumerate(NAMES):
         if max(result.judgement.outside(i)) > _WHITE:
             lines.append(
