@@ -14,7 +14,7 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.evidence import WALK, likely_colour, likely_lag
+from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
 from fsw_identification.noise import correlation_s
 from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, softened
@@ -154,7 +154,7 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
         sensors = _sensors(best)
         if sensors == (best.coloured, best.lagged):
             break
-        best = min(best, _best_start(start, segments, free, first.noise, count, False, sensors), key=Problem.evidence)
+        best = min(best, _best_start(start, segments, free, first.noise, count, False, sensors), key=evidence)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
@@ -190,7 +190,7 @@ def _best_start(
             solved = _solve_steady(scaled, segments, free, count)
         else:
             solved = _solve_twice(scaled, segments, free, count, sensors)
-        if best is None or solved.evidence() < best.evidence():
+        if best is None or evidence(solved) < evidence(best):
             best = solved
         alone = _innovation(noise, solved.left)
         share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(axis=0)
@@ -228,7 +228,7 @@ def _solve_twice(
     if not problem.shifts:
         return problem
     again = _solve(start, segments, free, problem.shifts, problem.sizes, count, sensors)
-    return min(problem, again, key=Problem.evidence)
+    return min(problem, again, key=evidence)
 
 
 def _solve(

@@ -33,7 +33,7 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Sizes of the random walks with the largest evidence, of one after the other."""
     found: FloatArray = problem.walk.copy()
 
-    def evidence(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
+    def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
         sizes = found.copy()
         sizes[at] = np.exp(log_size)
         return problem.evidence_of(*problem.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
@@ -43,7 +43,7 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
         for at in ((i, walk) for walk in which for i in range(2)):
             bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
             best = scipy.optimize.minimize_scalar(
-                evidence, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
+                of_size, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
             )
             found[at] = np.exp(best.x)
     return found
@@ -63,6 +63,12 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
 
         bounds = np.log(_CORRELATION_S)
         take(scipy.optimize.minimize_scalar(take, method="bounded", bounds=bounds, options={"xatol": 0.1}).x)
+
+
+def evidence(problem: Problem) -> float:
+    """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
+    found = problem.evidence_of(*problem.eliminate(problem.linearised(problem.parameters, True), True))
+    return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
 
 
 def of_samples(problem: Problem, output: int) -> float:

@@ -15,7 +15,7 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
-from fsw_identification.evidence import WALK, WALKS_OF, likely_walk, of_samples, take_likely_colour
+from fsw_identification.evidence import WALK, WALKS_OF, likely_walk, take_likely_colour
 from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import (
     DEPENDS,
@@ -110,8 +110,8 @@ class Part:
 class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
-    The border is the logarithms of the free parameters, the sizes of the shifts and the share of the tool in slow
-    disturbances of the temperature.
+    The border is the logarithms of the free parameters, the sizes of the shifts, the share of the tool in slow
+    disturbances of the temperature, and the lag of the thermocouple.
 
     Parameters
     ----------
@@ -295,11 +295,6 @@ class Problem:
         whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
         self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
 
-    def evidence(self) -> float:
-        """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
-        found = self.evidence_of(*self.eliminate(self.linearised(self.parameters, True), True))
-        return found + sum(of_samples(self, output) for output in range(len(OUTPUTS)))
-
     def evidence_of(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
         """At these parameters, with the best shifts."""
         n = 1 + len(self.free)
@@ -334,10 +329,10 @@ class Problem:
                 earlier = self.left.copy()
                 take_likely_colour(self, parts)
                 settled &= bool((np.abs(self.left - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
-                before, self._parts, _ = self._profile(self.parameters)
             if not self.fixed_walk:
                 earlier, self.walk = self.walk, likely_walk(self, parts)
                 settled &= bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
+            if self.coloured or not self.fixed_walk:
                 before, self._parts, _ = self._profile(self.parameters)
             damping, size = self._descend(self.eliminate(parts, True)[0], before, damping)
             if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
