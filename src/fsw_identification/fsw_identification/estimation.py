@@ -399,7 +399,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset_std=offset_std,
         shifts=list(sizes),
         share=(problem.share, float(std[-2])),
-        lag_s=(problem.lag_s, float(std[-1])) if problem.lagged else None,
+        lag_s=(problem.lag_s, float(std[-1])) if problem.lag_s > _LAGS * std[-1] else None,
         heat_and_offset=_heat_and_offset(problem),
         notes=notes,
     )
