@@ -7,7 +7,7 @@ welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, whi
 the identified model predict another weld, compared with the paper's? And on plants with other
 sensors than the model's, with noise that is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign | --whole COUNT] [--json FILE]
+usage: identification.py [--quick] [--foreign | --short | --whole COUNT] [--json FILE]
 """
 
 import json
@@ -143,6 +143,35 @@ def identified(name, jobs):
     return runs
 
 
+def of_undisturbed(drawn):
+    """Errors and coverage of all intervals on undisturbed welds of five minutes."""
+    runs = identified("undisturbed", [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)])
+    if not runs:
+        return {}
+    result = {"plants": len(runs), "cpus": os.cpu_count()}
+    names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
+    inside = []
+    for name in names:
+        told = [(errors[name], deviations[name]) for errors, deviations, *_ in runs if name in errors]
+        sizes = sorted(abs(error) for error, _ in told)
+        in_s = name == "dead_time_s"
+        scale = nominal().dead_time_s if in_s else 100.0
+        unit = "s" if in_s else "percent"
+        result[f"{name}_median_{unit}"] = scale * statistics.median(sizes)
+        result[f"{name}_p95_{unit}"] = scale * sizes[int(0.95 * (len(sizes) - 1))]
+        within = [abs(error) <= _95 * deviation for error, deviation in told]
+        result[f"{name}_inside_95_percent"] = 100.0 * sum(within) / len(within)
+        result[f"{name}_told"] = len(told)
+        inside += within
+    result["inside_95_percent"] = 100.0 * sum(inside) / len(inside)
+    result["cpu_s_median"] = statistics.median(seconds for _, _, seconds, _, _ in runs)
+    result["cpu_s_largest"] = max(seconds for _, _, seconds, _, _ in runs)
+    result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _ in runs)
+    result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _ in runs)
+    result["false_alarms"] = sum(bool(told) for *_, told in runs)
+    return result
+
+
 def of_disturbed(drawn):
     """How many disturbed welds bias a parameter, and how many without a word."""
     events = [disturbance(index) for index in range(len(drawn))]
@@ -230,15 +259,14 @@ def foreign(index):
     ]
     lag_s = specs()["actuators.lag_s"].default
     taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
-    free, steady = (
-        over_the_papers(judged, identify(taught, steady=how).parameters, SETTLED_TICKS) for how in (False, True)
-    )
+    free, steady = (over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS) for how in (False, True))
     return free | {f"steady_{key}": ratio for key, ratio in steady.items()}
 
 
-def over_the_papers(judged, model, settled):
-    """Errors of predictions by a model over those of the paper's model."""
-    own, papers = (prediction_errors(judged, one, settled) for one in (model, nominal()))
+def over_the_papers(judged, fit, settled):
+    """Errors of predictions by an identified model over those of the paper's model."""
+    own = prediction_errors(judged, fit.parameters, settled, fit.lag_s[0] if fit.lag_s else 0.0)
+    papers = prediction_errors(judged, nominal(), settled)
     return {key: own[key] / papers[key] for key in own}
 
 
@@ -252,12 +280,22 @@ def of_sensors(drawn):
         found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
         found["inside_95_percent"] = percent(one <= _95 for one in every)
         found["beyond_3_deviations_percent"] = percent(one > BIASED for one in every)
-        found["told"] = sum(bool(told) for *_, told in runs)
+        found["told"] = sum(bool(told) for _, _, _, told, *_ in runs)
+        found["cpu_s_median"] = statistics.median(seconds for *_, seconds in runs)
+        lags = [lag_s for *_, lag_s, _, _ in runs if lag_s]
+        found["lag_told"] = len(lags)
+        if lags:
+            off = [abs(lag_s - sensors.get("sensors.temperature_lag_s", 0.0)) / std for lag_s, std in lags]
+            found["lag_s_median"] = statistics.median(lag_s for lag_s, _ in lags)
+            found["lag_std_s_median"] = statistics.median(std for _, std in lags)
+            found["lag_inside_95_percent"] = percent(one <= _95 for one in off)
+        for output, name in enumerate(OUTPUTS):
+            found[f"{name}_correlation_s_median"] = statistics.median(float(over[output]) for *_, over, _ in runs)
         for name in AIMS:
             if sizes := [abs(errors[name]) for errors, *_ in runs if name in errors]:
                 found[f"{name}_median_percent"] = 100.0 * statistics.median(sizes)
         for key in runs[0][2]:
-            ratios = [ratios[key] for _, _, ratios, _ in runs]
+            ratios = [ratios[key] for _, _, ratios, *_ in runs]
             found[f"{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
             found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = statistics.median(ratios), max(ratios)
         result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
@@ -271,22 +309,27 @@ def percent(flags):
 
 
 def sensed(job):
-    """Identify a plant with such sensors: errors, standard deviations, ratios of errors of predictions, excursions."""
+    """Identify a plant with such sensors: errors, standard deviations, ratios of errors of predictions, remarks about
+    disturbances, lag and correlation times found, seconds."""
     index, factors, sensors = job
     lag_s = specs()["actuators.lag_s"].default
-    fit = identify(prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors}), lag_s).segments)
+    taught = prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors}), lag_s).segments
+    began = time.process_time()
+    fit = identify(taught)
+    seconds = time.process_time() - began
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
-    return *errors_of(fit, factors), over_the_papers(judged, fit.parameters, 0), disturbances(fit)
+    ratios = over_the_papers(judged, fit, 0)
+    return *errors_of(fit, factors), ratios, disturbances(fit), fit.lag_s, fit.correlation_s, seconds
 
 
-def prediction_errors(segments, model, settled):
+def prediction_errors(segments, model, settled, lag_s=0.0):
     """RMS error of a model one tick and 30 s ahead: of the change of an output, by the inputs and the other outputs."""
     found = {}
     for output, name in enumerate(OUTPUTS):
         for ticks in (1, 300):
             wrong = []
             for segment in segments:
-                response = respond(output, model, segment, measured(segment, model))
+                response = respond(output, model, segment, measured(segment, model, lag_s))
                 left = (segment.measured[:, output] - response.factor * response.course)[settled:]
                 wrong.append(left[ticks:] - left[:-ticks])
             wrong = np.concatenate(wrong)
@@ -300,6 +343,9 @@ def main():
         __doc__, "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters"
     )
     options.add_argument("--foreign", action="store_true", help="only the canisters and the other sensors")
+    options.add_argument(
+        "--short", action="store_true", help="only the welds of five minutes, undisturbed and disturbed"
+    )
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
     arguments = options.parse_args()
     if arguments.foreign:
@@ -314,34 +360,13 @@ def main():
         save(result, arguments.json)
         return 0
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    runs = identified("undisturbed", [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)])
-    if not runs:
+    if not (result := of_undisturbed(drawn)):
         return 130
-    result = {"plants": len(runs), "cpus": os.cpu_count()}
-    names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
-    inside = []
-    for name in names:
-        told = [(errors[name], deviations[name]) for errors, deviations, *_ in runs if name in errors]
-        sizes = sorted(abs(error) for error, _ in told)
-        in_s = name == "dead_time_s"
-        scale = nominal().dead_time_s if in_s else 100.0
-        unit = "s" if in_s else "percent"
-        result[f"{name}_median_{unit}"] = scale * statistics.median(sizes)
-        result[f"{name}_p95_{unit}"] = scale * sizes[int(0.95 * (len(sizes) - 1))]
-        within = [abs(error) <= _95 * deviation for error, deviation in told]
-        result[f"{name}_inside_95_percent"] = 100.0 * sum(within) / len(within)
-        result[f"{name}_told"] = len(told)
-        inside += within
-    result["inside_95_percent"] = 100.0 * sum(inside) / len(inside)
-    result["cpu_s_median"] = statistics.median(seconds for _, _, seconds, _, _ in runs)
-    result["cpu_s_largest"] = max(seconds for _, _, seconds, _, _ in runs)
-    result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _ in runs)
-    result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _ in runs)
-    result["false_alarms"] = sum(bool(told) for *_, told in runs)
     result |= of_disturbed(drawn[: 8 if arguments.quick else 60])
-    result |= of_whole_welds(drawn[: 2 if arguments.quick else 12])
-    result |= of_foreign(2 if arguments.quick else 12)
-    result |= of_sensors(drawn[: 2 if arguments.quick else 12])
+    if not arguments.short:
+        result |= of_whole_welds(drawn[: 2 if arguments.quick else 12])
+        result |= of_foreign(2 if arguments.quick else 12)
+        result |= of_sensors(drawn[: 2 if arguments.quick else 12])
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))

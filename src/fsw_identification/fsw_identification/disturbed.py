@@ -14,7 +14,7 @@ from fsw_identification.problem import HEAT, Problem, Shift
 from fsw_identification.simulation import OUTPUTS
 
 #: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
-_SHIFT_TICKS, _SHIFT = 30, 9.0
+_SHIFT_TICKS, SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
 #: a shift of fewer standard deviations is dropped in the end
 _REAL_SHIFT = 5.0
@@ -33,12 +33,12 @@ _ROUNDS, _LARGEST_SHARE = 4, 0.4
 def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
     found: list[Shift] = []
-    for i, residuals in enumerate(problem.residuals):
-        sizes = _sizes(residuals / problem.noise)
+    for i, whitened in enumerate(problem.whitened):
+        sizes = shift_sizes(whitened / problem.noise, problem.left)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
-            if sizes[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
+            if sizes[:, output].max() > SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
                 found.append(shift)
                 heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
                 if output == OUTPUTS.index("torque_nm") and not heating:
@@ -46,16 +46,22 @@ def find_shifts(problem: Problem) -> list[Shift]:
     return found
 
 
-def _sizes(residuals: FloatArray) -> FloatArray:
-    """Difference of the means after and before each tick but the first, in its standard deviations."""
-    limited, known = np.nan_to_num(np.clip(residuals, -_CLIP, _CLIP)), np.isfinite(residuals)
+def shift_sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
+    """Estimate of a shift at each tick but the first, beside a level, in its standard deviations; of white noise it is
+    the difference of the means after and before."""
+    limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
     sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known))
-    at = np.arange(1, len(residuals))
-    low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(residuals))
+    at = np.arange(1, len(whitened))
+    low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(whitened))
     n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
+    # a whitened level is ``new`` everywhere, a whitened shift 1 at its tick and ``new`` after
+    new = 1.0 - left
+    after = (sums[high] - sums[at]) * new + limited[at] * left
+    level = (sums[high] - sums[low]) * new
     with np.errstate(all="ignore"):
-        difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
-        sizes = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
+        of_both, of_level = new * (1.0 + new * (n_after - 1.0)), new**2 * (n_before + n_after)
+        variance = 1.0 + new**2 * (n_after - 1.0) - of_both**2 / of_level
+        sizes = np.abs(after - of_both / of_level * level) / np.sqrt(variance)
     return np.asarray(np.where((n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2), 0.0, sizes))
 
 
@@ -63,7 +69,7 @@ def drop_small_shifts(problem: Problem) -> None:
     """Drop shifts that turned out to be insignificant, e.g. at the end of an excluded window."""
     if not problem.shifts:
         return
-    variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -1]
+    variances = np.diag(np.linalg.pinv(problem.information()))[len(problem.free) : -2]
     real = np.abs(problem.sizes) > _REAL_SHIFT * np.sqrt(variances)
     problem.set_shifts([problem.shifts[i] for i in np.flatnonzero(real)], problem.sizes[real])
 
@@ -71,12 +77,13 @@ def drop_small_shifts(problem: Problem) -> None:
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
     """Exclude windows in which the model does not follow an output; returns the excluded ones.
 
-    ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
+    ``noise`` is the sensors' by itself, whitened. Again and again, because a disturbance hides in the parameters that
+    it biases.
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
     for _ in range(_ROUNDS):
-        found = [disturbed_windows(residuals, noise) for residuals in problem.residuals]
+        found = [disturbed_windows(whitened, noise) for whitened in problem.whitened]
         share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(axis=0)
         followed &= share < _LARGEST_SHARE
         new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]

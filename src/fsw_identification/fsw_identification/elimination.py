@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray, IntArray
+from fsw_identification.noise import Whitening
 from fsw_identification.simulation import KNOT_TICKS, Walks
 
 #: knots that were eliminated together, those beside them, and their rows
@@ -55,15 +56,25 @@ def knots(n_ticks: int) -> int:
     return -(-n_ticks // KNOT_TICKS) + 1
 
 
-def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray) -> Compressed:
+def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening) -> Compressed:
     """Rows of the data; ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) is that of
-    what the knots add."""
-    by_knots, count = np.hstack([walk.here, walk.ahead]), knots(len(columns)) - 1
-    used, width = np.flatnonzero(by_knots.any(axis=0)), columns.shape[1]
-    scaled = np.zeros((count * KNOT_TICKS, 1 + width))
-    scaled[: len(columns)] = np.sqrt(weights)[:, None] * np.column_stack([factor, columns])
-    blocks = scaled.reshape(count, KNOT_TICKS, -1)
-    stacked = np.concatenate([blocks[:, :, :1] * by_knots[:, used], blocks[:, :, 1:]], axis=2)
+    what the knots add, ``weights`` (n,) are of the whitened rows.
+
+    Between two knots are the ticks after the one, up to the other: each with the sample before.
+    """
+    n, count, width = len(columns), knots(len(columns)) - 1, columns.shape[1]
+    by_knots = np.hstack([walk.here, walk.ahead])
+    used = np.flatnonzero(by_knots.any(axis=0))
+    ticks = KNOT_TICKS * np.arange(count)[:, None] + np.arange(KNOT_TICKS + 1)
+    at = np.minimum(ticks, n - 1)
+    known = np.column_stack([factor, columns])[at]
+    samples = np.concatenate([known[:, :, :1] * by_knots[:, used], known[:, :, 1:]], axis=2)
+    scale = np.where(ticks < n, (np.sqrt(weights) * white.scale)[at], 0.0)
+    stacked = scale[:, :, None] * samples
+    if white.share.any():
+        before = np.take_along_axis(samples, (white.before[at] - ticks[:, :1])[:, :, None].clip(0), axis=1)
+        stacked -= (scale * white.share[at])[:, :, None] * before
+    stacked[1:, 0] = 0.0  # belongs to the knots before
     triangles = _triangles(stacked)
     rows = np.zeros((count, used.size, by_knots.shape[1] + width))
     rows[:, :, used] = triangles[:, : used.size, : used.size]

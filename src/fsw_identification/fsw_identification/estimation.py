@@ -14,8 +14,10 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
-from fsw_identification.simulation import CANDIDATES, OUTPUTS, TEMPERATURE, TORQUE
+from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
+from fsw_identification.noise import correlation_s
+from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
+from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, softened
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
@@ -36,6 +38,10 @@ _LEVEL = "sliding_friction"
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: up to this share of disturbed windows the start is right, and the rest is a disturbance
 _SHARE_OF_DISTURBANCE = 0.25
+#: correlation of the residuals from tick to tick, of any output, from which on the noise is tried as coloured
+_COLOURED = 0.2
+#: a lag of the thermocouple of more standard deviations is tried; how often the sensors are looked at
+_LAGS, _LOOKS = 5.0, 2
 #: iterations between two searches for shifts
 _FEW = 6
 #: assumed relative standard deviation of a parameter that is kept nominal
@@ -50,6 +56,8 @@ _STARTS: tuple[dict[str, float], ...] = (
 )
 
 Progress = Callable[[], None]
+#: whether the noise is coloured, and the thermocouple lags
+Sensors = tuple[bool, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +68,15 @@ class Fit:
     free: tuple[str, ...]  #: names of the estimated parameters
     covariance: FloatArray  #: (n, n): of the logarithms of the estimated parameters, i.e. of their relative errors
     kept: dict[str, str]  #: by name, why a candidate was not estimated but kept nominal
-    noise: FloatArray  #: (3,): standard deviations of the residuals in the order of ``OUTPUTS``
-    #: (3,): by how much the variance of a mean of the residuals exceeds that of white noise; 1 where they are white
+    noise: FloatArray  #: (3,): standard deviations of the outputs' noise in the order of ``OUTPUTS``
+    correlation_s: FloatArray  #: (3,): time after which the noise's autocorrelation is down to 1/e, 0: white
+    #: (3,): by how much the variance of a mean of the whitened residuals exceeds that of white noise; 1: they are white
     colour: FloatArray
     segments: list[Segment]
     #: (n, 3) by segment; residuals are NaN where a sample was missing or left out
     predicted: list[FloatArray]
     residuals: list[FloatArray]
+    whitened: list[FloatArray]
     disturbances: list[FloatArray]  #: (n, 5), in the order of ``WALKS``, by segment
     #: (2,): mean disturbance of the process and its standard deviation, kN and kW
     offset: FloatArray
@@ -74,6 +84,8 @@ class Fit:
     shifts: list[tuple[Shift, float, float]]  #: with size and standard deviation
     #: of the tool in slow disturbances of the temperature, and its standard deviation; the rest is the sensor's
     share: tuple[float, float]
+    #: of the thermocouple behind the tool, and its standard deviation; None where the data do not tell of any
+    lag_s: tuple[float, float] | None
     heat_and_offset: float  #: correlation of slow heat and offset of the temperature
     notes: list[str]  #: what was left out, one line each
 
@@ -138,15 +150,27 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
     first.settle()
     free = _select(first, kept, _LARGEST_AT_START)
     best = _best_start(start, segments, free, first.noise, count, steady)
+    for _ in range(0 if steady else _LOOKS):
+        sensors = _sensors(best)
+        if sensors == (best.coloured, best.lagged):
+            break
+        best = min(best, _best_start(start, segments, free, first.noise, count, False, sensors), key=evidence)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
         best.solve(count)
-    notes = leave_out(best, first.noise, count)
+    notes = leave_out(best, _innovation(first.noise, best.left), count)
     drop_small_shifts(best)
     best.reject = True
     best.solve(count)
     return _fit(best, kept | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes)
+
+
+def _sensors(problem: Problem) -> Sensors:
+    """What the data tell of the sensors at a solution."""
+    lag_s, deviation_s = likely_lag(problem)
+    coloured = problem.coloured or bool(likely_colour(problem).max() > _COLOURED)
+    return coloured, problem.lagged or lag_s > _LAGS * deviation_s
 
 
 def _best_start(
@@ -156,16 +180,21 @@ def _best_start(
     noise: FloatArray,
     count: Progress,
     steady: bool,
+    sensors: Sensors = (False, False),
 ) -> Problem:
     """The solution with the largest evidence from several starts, as many as needed."""
     best: Problem | None = None
     for factors in _STARTS:
         scaled = start.scaled(**{name: factor for name, factor in factors.items() if name in free})
-        solved = (_solve_steady if steady else _solve_twice)(scaled, segments, free, count)
-        if best is None or solved.evidence() < best.evidence():
+        if steady:
+            solved = _solve_steady(scaled, segments, free, count)
+        else:
+            solved = _solve_twice(scaled, segments, free, count, sensors)
+        if best is None or evidence(solved) < evidence(best):
             best = solved
-        share = np.concatenate([disturbed_windows(one, noise) for one in solved.residuals]).mean(axis=0)
-        if (solved.noise < _AS_GOOD * noise).all() or (share < _SHARE_OF_DISTURBANCE).all():
+        alone = _innovation(noise, solved.left)
+        share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(axis=0)
+        if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
     return best
@@ -184,18 +213,22 @@ def _solve_steady(
 
 
 def _solve_twice(
-    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], count: Progress
+    start: ModelParameters,
+    segments: Sequence[Segment],
+    free: tuple[str, ...],
+    count: Progress,
+    sensors: Sensors,
 ) -> Problem:
     """Solution from a start, with shifts and slow disturbances.
 
     Shifts are found in the residuals of a model that they have biased; so it is repeated from the start, with these
     shifts.
     """
-    problem = _solve(start, segments, free, [], np.zeros(0), count)
+    problem = _solve(start, segments, free, [], np.zeros(0), count, sensors)
     if not problem.shifts:
         return problem
-    again = _solve(start, segments, free, problem.shifts, problem.sizes, count)
-    return min(problem, again, key=Problem.evidence)
+    again = _solve(start, segments, free, problem.shifts, problem.sizes, count, sensors)
+    return min(problem, again, key=evidence)
 
 
 def _solve(
@@ -205,11 +238,13 @@ def _solve(
     shifts: Sequence[Shift],
     sizes: FloatArray,
     count: Progress,
+    sensors: Sensors,
 ) -> Problem:
     """Solution from a start with known shifts, and others that are found."""
     # without the weakly identifiable parameters first: the valley that they open is long and curved
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.set_shifts(shifts, sizes)
+    problem.coloured, problem.lagged = sensors
     problem.solve(count)
     problem.free = free
     problem.solve(count)
@@ -251,6 +286,11 @@ def expected_deviations(
     problem.settle()
     covariance = np.linalg.inv(problem.information())
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))
+
+
+def _innovation(noise: FloatArray, left: FloatArray) -> FloatArray:
+    """Standard deviation of whitened noise from the differences' ``noise`` of :func:`_sensor_noise`."""
+    return np.asarray(noise * np.sqrt(1.0 + left))
 
 
 def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
@@ -303,36 +343,63 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
     return np.asarray(gain @ gain.T)
 
 
+def _by_doubt(problem: Problem) -> FloatArray:
+    """Information that free parameters, shifts, share and lag have in common with errors of the same, as far as these
+    get into the depth by what is taken for doubtful in the temperature: else that is treated as known."""
+    free, p, parts = len(problem.free), problem.parameters, problem.linearised(problem.parameters, True)
+    n = free + len(problem.shifts) + 2
+    found = np.zeros((n, n))
+    for depth, temperature in zip(parts[DEPTH::3], parts[TEMPERATURE::3], strict=True):
+        known = problem.known[depth.segment]
+        if not known.doubtful_c.any():
+            continue
+        by_rise = (problem.share - 1.0) * p.softening_per_c * known.depth_mm / softened(p, known)
+        at_knots = -problem.eliminated(temperature, problem.walk).values[:, :, 1 : 1 + free]
+        courses = [added(temperature.response, temperature.walk, at_knots[:, :, i]) for i in range(free)]
+        depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
+        problem.compress(depth)
+        found[:, :free] += problem.eliminated(depth, problem.walk).border[1 : 1 + n, 1 + n :]
+    return found
+
+
 def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
-    residuals = problem.residuals
+    residuals, whitened = problem.residuals, problem.whitened
     if problem.reject:
-        inside = [np.where(weights > 0.0, one, np.nan) for one, weights in zip(residuals, problem.weights, strict=True)]
+        inside, whitened = (
+            [np.where(weights > 0.0, one, np.nan) for one, weights in zip(every, problem.weights, strict=True)]
+            for every in (residuals, whitened)
+        )
         count = np.isfinite(np.concatenate(residuals)).sum(axis=0) - np.isfinite(np.concatenate(inside)).sum(axis=0)
         notes = notes + [f"{name}: {n} samples left out: outliers" for name, n in zip(OUTPUTS, count, strict=True) if n]
         residuals = inside
-    colour = np.array([long_run_factor([one[:, i] for one in residuals]) for i in range(3)])
+    colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
+    with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(problem)
+    covariance = with_doubt @ covariance @ with_doubt.T
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
     offset, offset_std = _mean_disturbance(problem, covariance)
     problem.noise = white
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
-    sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-1]), strict=True)
+    sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-2]), strict=True)
     return Fit(
         parameters=problem.parameters,
         free=problem.free,
         covariance=covariance[:n, :n],
         kept=kept,
-        noise=white,
+        noise=white / np.sqrt(1.0 - problem.left**2),
+        correlation_s=correlation_s(problem.left),
         colour=colour,
         segments=problem.segments,
         predicted=problem.predicted,
         residuals=residuals,
+        whitened=whitened,
         disturbances=problem.disturbances(),
         offset=offset,
         offset_std=offset_std,
         shifts=list(sizes),
-        share=(problem.share, float(std[-1])),
+        share=(problem.share, float(std[-2])),
+        lag_s=(problem.lag_s, float(std[-1])) if problem.lag_s > _LAGS * std[-1] else None,
         heat_and_offset=_heat_and_offset(problem),
         notes=notes,
     )

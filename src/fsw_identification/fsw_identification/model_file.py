@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from fsw_identification.estimation import Fit
+from fsw_identification.noise import WHITE_S
+from fsw_identification.simulation import OUTPUTS
 from fsw_model import ModelParameters
 
 #: a mean disturbance that is larger than this many standard deviations goes into the point of linearisation
@@ -24,6 +26,22 @@ def estimates(fit: Fit, air: dict[str, float] | None = None) -> dict[str, tuple[
     return known
 
 
+def of_sensors(fit: Fit) -> list[str]:
+    """Noise that is not white and lag of the thermocouple, one line each."""
+    lines = [
+        f"noise of {name}: standard deviation {noise:.2g}, correlated over {correlation_s:.2g} s"
+        for name, noise, correlation_s in zip(OUTPUTS, fit.noise, fit.correlation_s, strict=True)
+        if correlation_s > WHITE_S
+    ]
+    if fit.lag_s is not None:
+        lag_s, deviation_s = fit.lag_s
+        lines.append(
+            f"the thermocouple lags the tool by {lag_s:.3g} s (std {deviation_s:.1g}), as the depth tells; the "
+            "coefficients of the temperature are those of what the thermocouple shows"
+        )
+    return lines
+
+
 def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     """YAML that :meth:`fsw_model.ModelParameters.from_yaml` reads; ``sources`` says where the data are from."""
     nominal, known = dict(ModelParameters()), estimates(fit, air)
@@ -34,6 +52,7 @@ def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     for name, value in dict(fit.parameters).items():
         if name not in known and value != nominal[name]:
             lines.append(f"{name}: {value!r}  # as given; nominal {nominal[name]:g}")
+    lines += [f"# {line}" for line in of_sensors(fit)]
     lines += ["# Not identifiable from the data, kept nominal:"] * bool(fit.kept)
     lines += [f"#   {name}: {why}" for name, why in fit.kept.items()]
     return "\n".join(lines) + "\n"

@@ -7,7 +7,7 @@ minimised changes from step to step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +15,8 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
+from fsw_identification.evidence import WALK, WALKS_OF, likely_walk, take_likely_colour
+from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import (
     DEPENDS,
     DEPTH,
@@ -25,6 +27,7 @@ from fsw_identification.simulation import (
     Knowledge,
     Response,
     Walks,
+    added,
     driven,
     heated,
     respond,
@@ -45,12 +48,6 @@ _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
 #: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
-#: of an output: the walks of its input and of itself
-_WALKS_OF = ((0, 2), (1, 3), (4,))
-#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
-#: smallest, at the start, largest
-WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
-WALK = np.stack([WALK, 0.03 * WALK], axis=1)
 #: at the beginning of a segment the outputs are not used for so long: dead time and tool, motor
 _SETTLING_TICKS = (0, 40, 20)
 #: smallest noise that is assumed, so that noise-free data do not get infinite weight
@@ -63,12 +60,13 @@ HEAT = 3
 #: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
 #: is one of the sensor: mean and standard deviation before the depth tells
 SHARE, _SHARE_DEVIATION = 0.5, 0.5
+#: prior standard deviation of the thermocouple's lag, by whether it is estimated, and the largest [s]
+_LAG_PRIOR_S, _LARGEST_LAG_S = (1e-6, 5.0), 10.0
+_LAG_SETTLED_S = 0.01
 _LARGEST_MOVE = 0.3
 _WALK_SETTLED = 0.3
-#: largest factor on the size of a walk in one iteration
-_WALK_STEP = 4.0
-#: what a disturbance has to add to the evidence before its size is e times the smallest
-_PARSIMONY = 4.0
+#: a relative change of the noise's correlation that matters
+_COLOUR_SETTLED = 0.1
 #: a trend at the first knot, in what changes it from knot to knot
 _TREND = 3.0
 _LEAST, _ITERATIONS = 3, 30
@@ -93,15 +91,16 @@ class Shift:
 
 
 @dataclass(slots=True)
-class _Part:
+class Part:
     """One output of one segment, at some parameters."""
 
     segment: int
     output: int
     response: Response
     walk: Walks
-    data: Compressed
+    columns: FloatArray  #: (n, 1 + border): residuals and slopes
     at_knots: FloatArray  #: (k, p)
+    data: Compressed = field(init=False)
 
     def shown(self) -> FloatArray:
         """Without shifts."""
@@ -111,8 +110,8 @@ class _Part:
 class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
-    The border is the logarithms of the free parameters, the sizes of the shifts and the share of the tool in slow
-    disturbances of the temperature.
+    The border is the logarithms of the free parameters, the sizes of the shifts, the share of the tool in slow
+    disturbances of the temperature, and the lag of the thermocouple.
 
     Parameters
     ----------
@@ -124,40 +123,50 @@ class Problem:
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.parameters, self.free = start, tuple(free)
-        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's residuals
+        self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's whitened residuals
+        self.left = np.zeros(len(OUTPUTS))  #: (3,): correlation of the noise of each output from tick to tick
+        self.coloured = False  #: whether ``left`` is estimated
         #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
         self.walk = WALK[1].copy()
         self.fixed_walk = True  #: whether ``walk`` stays as it is
         self.reject = False  #: whether outliers are left out, instead of counting less (Huber)
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)  #: of the shifts
+        self.lag_s = 0.0  #: of the thermocouple behind the tool, which softens the copper
+        self.lagged = False  #: whether ``lag_s`` is estimated
         self.share = SHARE  #: of the tool in slow disturbances of the temperature
         self.segments = list(segments)
         self.weights = [np.isfinite(_settled(segment.measured)).astype(float) for segment in segments]
         #: (n, 3) by segment, at the last solution
-        self.predicted, self.residuals = list[FloatArray](), list[FloatArray]()
-        self._known = [measured(segment, start) for segment in segments]
-        self._parts: list[_Part] = []
+        self.predicted, self.residuals, self.whitened = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        self.known = [measured(segment, start) for segment in segments]
+        self._parts: list[Part] = []
 
     def set_shifts(self, shifts: Sequence[Shift], sizes: FloatArray) -> None:
         """Replace all shifts."""
         self.shifts, self.sizes = list(shifts), np.asarray(sizes, dtype=float)
 
+    @property
+    def lag_deviation_s(self) -> float:
+        """Prior standard deviation of the thermocouple's lag."""
+        return _LAG_PRIOR_S[self.lagged]
+
     def disturbances(self) -> list[FloatArray]:
         """(n, 5) by segment: courses of ``WALKS``."""
         found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
         for part in self._parts:
-            for which, at_knots in zip(reversed(_WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False):
+            for which, at_knots in zip(reversed(WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False):
                 found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
         return found
 
     def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
-        """(n, shifts + 1): what a unit of each shift, and of the share, adds to an output of a segment; if not
-        ``real``, only shows."""
-        segment, known = self.segments[i], self._known[i]
-        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
+        """(n, shifts + 2): what a unit of each shift, of the share and of the lag adds to an output of a segment; if
+        not ``real``, only shows."""
+        segment, known = self.segments[i], self.known[i]
+        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 2))
         if real and output == DEPTH:
-            slopes[:, -1] = p.softening_per_c * known.doubtful_c * known.depth_mm / softened(p, known)
+            warmer = np.column_stack([known.doubtful_c, known.rate_c_per_s])
+            slopes[:, -2:] = (p.softening_per_c * known.depth_mm / softened(p, known))[:, None] * warmer
         for column, shift in enumerate(self.shifts):
             if shift.segment != i:
                 continue
@@ -171,7 +180,7 @@ class Problem:
 
     def _slopes(self, i: int, output: int, at_knots: FloatArray) -> FloatArray:
         """(n, free): of an output by the logarithms of the parameters, at values at the knots."""
-        segment, known, p = self.segments[i], self._known[i], self.parameters
+        segment, known, p = self.segments[i], self.known[i], self.parameters
 
         def at(parameters: ModelParameters) -> FloatArray:
             response = respond(output, parameters, segment, known)
@@ -184,38 +193,52 @@ class Problem:
                 slopes[:, column] = (at(p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})) - here) / _SLOPE
         return slopes
 
-    def linearised(self, p: ModelParameters, slopes: bool) -> list[_Part]:
+    def linearised(self, p: ModelParameters, slopes: bool) -> list[Part]:
         """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters."""
-        parts: list[_Part] = []
+        parts: list[Part] = []
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
-                response = respond(output, p, segment, self._known[i])
+                response = respond(output, p, segment, self.known[i])
                 walk, at_knots = walks(response), self._parts[len(parts)].at_knots if slopes else np.zeros(0)
                 columns = [np.nan_to_num(segment.measured[:, output])[:, None], self._shift_slopes(i, output, p)]
                 if slopes:
                     columns.insert(1, self._slopes(i, output, at_knots))
                 columns[0] = columns[0] - (response.factor * response.course)[:, None]
-                data = compress(walk, response.factor, np.hstack(columns), self.weights[i][:, output])
-                parts.append(_Part(i, output, response, walk, data, at_knots))
+                part = Part(i, output, response, walk, np.hstack(columns), at_knots)
+                self.compress(part)
+                parts.append(part)
         return parts
 
+    def whitening(self, i: int, output: int) -> Whitening:
+        """Of an output of a segment."""
+        return whitening(np.isfinite(_settled(self.segments[i].measured)[:, output]), float(self.left[output]))
+
+    def compress(self, part: Part) -> None:
+        """Rows of a part, with the present noise and weights."""
+        white, weights = self.whitening(part.segment, part.output), self.weights[part.segment][:, part.output]
+        part.data = compress(part.walk, part.response.factor, part.columns, weights, white)
+
     def eliminate(
-        self, parts: Sequence[_Part], slopes: bool, sizes: FloatArray | None = None
+        self, parts: Sequence[Part], slopes: bool, sizes: FloatArray | None = None
     ) -> tuple[FloatArray, list[Eliminated]]:
         """Information of residuals and border, prior included, without knots; and what each part is without them."""
         walk, found = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
         of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
-        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0])
+        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0, self.lag_deviation_s**-2.0])
         for part in parts:
-            which, states = list(_WALKS_OF[part.output]), _STATE_PRIOR[part.output]
-            start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
-            steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
-            found.append(eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps))
+            found.append(self.eliminated(part, walk))
             border += found[-1].border
         return border, found
 
-    def _profile(self, p: ModelParameters) -> tuple[float, list[_Part], FloatArray]:
+    def eliminated(self, part: Part, walk: FloatArray) -> Eliminated:
+        """A part without its knots, with these sizes of the walks."""
+        which, states = list(WALKS_OF[part.output]), _STATE_PRIOR[part.output]
+        start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
+        steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
+        return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
+
+    def _profile(self, p: ModelParameters) -> tuple[float, list[Part], FloatArray]:
         """Cost at parameters, with the best knots, shifts and share, these and these."""
         parts = self.linearised(p, False)
         border, found = self.eliminate(parts, False)
@@ -231,8 +254,10 @@ class Problem:
         The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
         """
         _, self._parts, sizes = self._profile(self.parameters)
-        self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
-        self.predicted, self.residuals = [], []
+        self.sizes, self.share = sizes[:-2], SHARE + float(sizes[-2])
+        if self.lagged:
+            self.lag_s = min(max(self.lag_s + float(sizes[-1]), 0.0), _LARGEST_LAG_S)
+        self.predicted, self.residuals, self.whitened = [], [], []
         for i, segment in enumerate(self.segments):
             parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
             shifts, of_sensor = (
@@ -241,62 +266,48 @@ class Problem:
             )
             self.predicted.append(np.column_stack([part.shown() for part in parts]) + shifts)
             self.residuals.append(_settled(segment.measured) - self.predicted[-1])
+            self.whitened.append(np.column_stack([self._white(i, output) for output in range(3)]))
             slow = np.column_stack([_between(part.at_knots[:, -1], segment.n_ticks) for part in parts])
             seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
             depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
-            doubtful = self._known[i].doubtful_c
-            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
-            self._known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful)
+            doubtful = self.known[i].doubtful_c
+            rate = _rate((self.predicted[-1] - of_sensor)[:, TEMPERATURE])
+            rise = _smooth(seen)[:, TEMPERATURE] + self.lag_s * rate
+            rise -= (1.0 - SHARE) * doubtful + p.operating_temperature_c
+            self.known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate)
 
     def _doubt(self) -> None:
         """Take the slow disturbance of the temperature for what may be of the sensor."""
         for part in self._parts[TEMPERATURE::3]:
-            settled = part.at_knots.copy()
-            settled[0, :-4] = settled[0, -2]
-            warmer = shown(part.response, part.walk, driven(part.walk, settled)) - part.response.course
-            self._known[part.segment] = self._known[part.segment]._replace(doubtful_c=warmer - warmer[0])
+            doubtful = added(part.response, part.walk, part.at_knots)
+            self.known[part.segment] = self.known[part.segment]._replace(doubtful_c=doubtful)
 
     def information(self) -> FloatArray:
         """Of free parameters, shifts and share, of data and prior."""
         return self.eliminate(self.linearised(self.parameters, True), True)[0][1:, 1:]
 
-    def _likely_walk(self, parts: Sequence[_Part]) -> FloatArray:
-        """Sizes of the random walks with the largest evidence, of one after the other."""
-        found: FloatArray = self.walk.copy()
+    def _white(self, i: int, output: int) -> FloatArray:
+        """Whitened residuals."""
+        return self.whitening(i, output).of(self.residuals[i][:, output])
 
-        def evidence(log_size: float, of_output: list[_Part], at: tuple[int, int]) -> float:
-            sizes = found.copy()
-            sizes[at] = np.exp(log_size)
-            return self._evidence(*self.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+    def take_noise(self, output: int) -> None:
+        """Noise of an output from its whitened residuals, without outliers."""
+        whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
+        self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
 
-        for output, which in enumerate(_WALKS_OF):
-            of_output = [part for part in parts if part.output == output]
-            for at in ((i, walk) for walk in which for i in range(2)):
-                bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
-                best = scipy.optimize.minimize_scalar(
-                    evidence, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
-                )
-                found[at] = np.exp(best.x)
-        return found
-
-    def evidence(self) -> float:
-        """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
-        samples = np.sum([(weights > 0.0).sum(axis=0) for weights in self.weights], axis=0)
-        found = self._evidence(*self.eliminate(self.linearised(self.parameters, True), True))
-        return found + 2.0 * float(samples @ np.log(self.noise))
-
-    def _evidence(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
+    def evidence_of(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
         """At these parameters, with the best shifts."""
         n = 1 + len(self.free)
         cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
+        cost += 2.0 * np.log(self.lag_deviation_s)
         return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
 
     def estimate_noise(self) -> None:
-        """Noise of each output from its residuals, without outliers; and the weights of the samples."""
-        columns = np.concatenate(self.residuals).T
-        self.noise = np.array([max(_spread(one), low) for one, low in zip(columns, NOISE_FLOOR, strict=True)])
-        for i, residuals in enumerate(self.residuals):
-            size = np.abs(np.nan_to_num(residuals / self.noise, nan=np.inf))
+        """Noise of each output; and the weights of the samples."""
+        for output in range(len(OUTPUTS)):
+            self.take_noise(output)
+        for i, whitened in enumerate(self.whitened):
+            size = np.abs(np.nan_to_num(whitened / self.noise, nan=np.inf))
             huber = np.where(np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0)
             self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if self.reject else huber
 
@@ -309,13 +320,19 @@ class Problem:
             self._doubt()
         for iteration in range(iterations):
             progress()
+            earlier_s = self.lag_s
             self.settle()
             self.estimate_noise()
             before, self._parts, _ = self._profile(self.parameters)
-            parts, settled = self.linearised(self.parameters, True), True
+            parts, settled = self.linearised(self.parameters, True), abs(self.lag_s - earlier_s) < _LAG_SETTLED_S
+            if self.coloured:
+                earlier = self.left.copy()
+                take_likely_colour(self, parts)
+                settled &= bool((np.abs(self.left - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
             if not self.fixed_walk:
-                earlier, self.walk = self.walk, self._likely_walk(parts)
-                settled = bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
+                earlier, self.walk = self.walk, likely_walk(self, parts)
+                settled &= bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
+            if self.coloured or not self.fixed_walk:
                 before, self._parts, _ = self._profile(self.parameters)
             damping, size = self._descend(self.eliminate(parts, True)[0], before, damping)
             if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
@@ -370,14 +387,21 @@ def _settled(measured: FloatArray) -> FloatArray:
     return settled
 
 
-def measured(segment: Segment, p: ModelParameters) -> Knowledge:
-    """Depth and temperature as measured, smoothed."""
+def measured(segment: Segment, p: ModelParameters, lag_s: float = 0.0) -> Knowledge:
+    """Depth and temperature as measured, smoothed; of a thermocouple with a lag, the temperature before it."""
     shown = []
     for column, usual in zip(segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False):
         known = np.flatnonzero(np.isfinite(column))
         filled = np.interp(np.arange(column.size), known, column[known]) if known.size else np.full(column.size, usual)
         shown.append(_smooth(filled))
-    return Knowledge(shown[TEMPERATURE] - p.operating_temperature_c, shown[DEPTH], *np.zeros((2, segment.n_ticks)))
+    none, rate = np.zeros(segment.n_ticks), _rate(filled)
+    rise = _smooth(filled) + lag_s * rate - p.operating_temperature_c
+    return Knowledge(rise, shown[DEPTH], none, none, rate)
+
+
+def _rate(values: FloatArray) -> FloatArray:
+    """Smoothed, per second."""
+    return np.asarray(scipy.signal.savgol_filter(values, _SMOOTH_TICKS, 2, deriv=1, delta=STEP_S))
 
 
 def _smooth(values: FloatArray) -> FloatArray:

@@ -81,9 +81,9 @@ def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
                 both_s, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
             )
         axis.set_title(
-            f"residuals of {NAMES[output]}: correlation, bounds of 99 % (left of 0: feedback)",
+            f"{NAMES[output]}: correlation of whitened residuals, bounds of 99 % (left of 0: feedback)",
             loc="left",
-            fontsize=10.0,
+            fontsize=9.0,
         )
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, -0.15), max(high, 0.15))

@@ -50,6 +50,7 @@ class Knowledge(NamedTuple):
     torque_nm: FloatArray  #: that acts in addition to the model's
     #: slow disturbance of the temperature, of which only a share is known to be of the tool; that is in ``rise_c``
     doubtful_c: FloatArray
+    rate_c_per_s: FloatArray  #: at which the temperature is measured to rise
 
 
 def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge) -> Response:
@@ -136,8 +137,8 @@ class Walks(NamedTuple):
     """How what is unknown at the knots acts: states of the modes; then of the input's disturbance (if there are modes)
     and of the output's what they change to the next knot, and themselves."""
 
-    here: FloatArray  #: (KNOT_TICKS, p): on the ticks after a knot
-    ahead: FloatArray  #: (KNOT_TICKS, p): on the ticks before it
+    here: FloatArray  #: (KNOT_TICKS + 1, p): on the ticks from a knot to the next
+    ahead: FloatArray  #: (KNOT_TICKS + 1, p): on the same ticks, of the next
     before: FloatArray  #: (p, p): ``after`` times a knot's values is this times those of the knot before
     after: FloatArray  #: (p, p)
 
@@ -162,7 +163,7 @@ def walks(response: Response) -> Walks:
         here[:, -2] += gain * (level - rising)
         ahead[:, -2] += gain * rising
         before[i, i], before[i, -2], after[i, -2] = left[-1], (level - rising)[-1], -rising[-1]
-    return Walks(here[:-1], ahead[:-1], before, after)
+    return Walks(here, ahead, before, after)
 
 
 def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
@@ -176,5 +177,13 @@ def driven(walk: Walks, at_knots: FloatArray) -> FloatArray:
 
 def shown(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
     """An output of values at the knots, without shifts."""
-    added = at_knots[:-1] @ walk.here.T + at_knots[1:] @ walk.ahead.T
+    added = at_knots[:-1] @ walk.here[:-1].T + at_knots[1:] @ walk.ahead[:-1].T
     return np.asarray(response.factor * (response.course + added.ravel()[: response.course.size]))
+
+
+def added(response: Response, walk: Walks, at_knots: FloatArray) -> FloatArray:
+    """What values at the knots add to an output since the beginning; the disturbance of the input has settled there."""
+    settled = at_knots.copy()
+    settled[0, :-4] = settled[0, -2]
+    course = shown(response, walk, driven(walk, settled)) - response.factor * response.course
+    return np.asarray(course - course[0])

@@ -66,8 +66,8 @@ class Judgement:
 
     fit_percent: tuple[float, ...]  #: NRMSE of each output
     bound: float  #: size that a correlation of white noise exceeds at one lag in a hundred
-    auto: FloatArray  #: (3, LAGS): autocorrelation of each output's residuals, from lag 1 on
-    #: (3, 2, 2 LAGS + 1): correlation of each output's residuals with the changes of force and speed, from lag -LAGS on
+    auto: FloatArray  #: (3, LAGS): autocorrelation of each output's whitened residuals, from lag 1 on
+    #: (3, 2, 2 LAGS + 1): correlation of the whitened residuals with the changes of force and speed, from lag -LAGS on
     cross: FloatArray
 
     def outside(self, output: int) -> tuple[float, float]:
@@ -81,13 +81,14 @@ class Judgement:
         return float(auto.mean()), float(cross.mean())
 
 
-def judge(segments: Sequence[Segment], residuals: Sequence[FloatArray]) -> Judgement:
-    """Judge residuals, one (n, 3) array for each segment."""
+def judge(segments: Sequence[Segment], residuals: Sequence[FloatArray], whitened: Sequence[FloatArray]) -> Judgement:
+    """Judge residuals, one (n, 3) array for each segment; whether the noise that is assumed explains them, whitened."""
     auto, cross, n, fits = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1)), 1, []
     changes = [[np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)] for one in segments]
     for output in range(3):
-        own = [one[:, output] for one in residuals]
-        fits.append(fit_percent([one.measured[:, output] for one in segments], own))
+        left = [one[:, output] for one in residuals]
+        fits.append(fit_percent([one.measured[:, output] for one in segments], left))
+        own = [one[:, output] for one in whitened]
         if any(np.isfinite(one).any() for one in own):
             auto[output], n = correlation(own, own, np.arange(1, LAGS + 1))
             for which in range(2):

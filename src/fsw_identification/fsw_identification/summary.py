@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from fsw_identification.estimation import Fit
-from fsw_identification.model_file import estimates
+from fsw_identification.model_file import estimates, of_sensors
+from fsw_identification.noise import WHITE_S
 from fsw_identification.problem import HEAT, WALKS
 from fsw_identification.simulation import OUTPUTS
 from fsw_identification.statistics import CORRELATED, Judgement, judge
@@ -36,13 +37,13 @@ class Summary:
     @cached_property
     def judgement(self) -> Judgement:
         """Statistics of the residuals."""
-        return judge(self.fit.segments, self.fit.residuals)
+        return judge(self.fit.segments, self.fit.residuals, self.fit.whitened)
 
     @cached_property
     def checked(self) -> Judgement | None:
         """Statistics of the residuals of the validation weld."""
         other = self.validation
-        return None if other is None else judge(other.segments, other.residuals)
+        return None if other is None else judge(other.segments, other.residuals, other.whitened)
 
 
 def parameter_rows(result: Summary) -> list[list[str]]:
@@ -57,13 +58,15 @@ def parameter_rows(result: Summary) -> list[list[str]]:
 
 
 def output_rows(result: Summary) -> list[list[str]]:
-    """Header and a row per output: fit, noise, and how white the residuals are."""
-    rows = [["output", "fit [%]", "validation [%]", "noise", "lags outside 99 %", "with inputs"]]
+    """Header and a row per output: fit, noise, and how white the whitened residuals are."""
+    rows = [["output", "fit [%]", "validation [%]", "noise", "correlated over", "lags outside 99 %", "with inputs"]]
     for i, name in enumerate(NAMES):
         auto, cross = result.judgement.outside(i)
         checked = f"{result.checked.fit_percent[i]:.1f}" if result.checked is not None else "-"
         fit, noise = f"{result.judgement.fit_percent[i]:.1f}", f"{result.fit.noise[i]:.3g}"
-        rows.append([name, fit, checked, noise, f"{100 * auto:.0f} %", f"{100 * cross:.0f} %"])
+        correlation_s = float(result.fit.correlation_s[i])
+        over = f"{correlation_s:.2g} s" if correlation_s > WHITE_S else "white"
+        rows.append([name, fit, checked, noise, over, f"{100 * auto:.0f} %", f"{100 * cross:.0f} %"])
     return rows
 
 
@@ -106,6 +109,7 @@ def remarks(result: Summary) -> list[str]:
     correlation = fit.correlation
     for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):
         lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")
+    lines += of_sensors(fit)
     for i, name in enumerate(NAMES):
         if max(result.judgement.outside(i)) > _WHITE:
             lines.append(

@@ -10,6 +10,7 @@ from scipy.linalg import LinAlgError, cho_factor
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Eliminated, compress, eliminate, knots
+from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import KNOT_TICKS, Response, Walks, walks
 
 NOISE = 0.3
@@ -28,9 +29,10 @@ class Case(NamedTuple):
     weights: FloatArray
     start: FloatArray
     steps: FloatArray
+    white: Whitening
 
     def eliminated(self) -> Eliminated:
-        data = compress(self.walk, self.factor, self.columns, self.weights)
+        data = compress(self.walk, self.factor, self.columns, self.weights, self.white)
         return eliminate(data, self.walk, NOISE, self.start, self.steps)
 
     def rows(self) -> tuple[FloatArray, FloatArray]:
@@ -39,9 +41,11 @@ class Case(NamedTuple):
         k, width = knots(n), self.columns.shape[1]
         by_knots = np.zeros((n, k, p))
         for tick in range(n):
-            i, j = divmod(tick, KNOT_TICKS)
-            by_knots[tick, i], by_knots[tick, i + 1] = self.walk.here[j], self.walk.ahead[j]
-        by_knots *= self.factor[:, None, None]
+            i = max(tick - 1, 0) // KNOT_TICKS
+            for at, share in ((tick, 1.0), (self.white.before[tick], -self.white.share[tick])):
+                j, gain = at - i * KNOT_TICKS, self.white.scale[tick] * share * self.factor[at]
+                by_knots[tick, i] += gain * self.walk.here[j]
+                by_knots[tick, i + 1] += gain * self.walk.ahead[j]
         stiff = 1e-3 * NOISE / np.maximum(np.abs(self.walk.here[0]), 1e-12)
         tight = 1.0 / np.where(self.steps > 0.0, self.steps, stiff)
         changes = np.zeros((k - 1, p, k, p))
@@ -52,12 +56,16 @@ class Case(NamedTuple):
         root = np.sqrt(self.weights)[:, None] / NOISE
         ours = [root * by_knots.reshape(n, -1), (tight[:, None, None] * changes).reshape(-1, k * p)]
         ours.append(first.reshape(p, -1))
-        others = np.vstack([root * self.columns, np.zeros((k * p, width))])
+        others = np.vstack(
+            [root * np.column_stack([self.white.of(one) for one in self.columns.T]), np.zeros((k * p, width))]
+        )
         return np.vstack(ours), others
 
 
-def case(output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.0), width: int = 3) -> Case:
-    """Random data; powers of ten of the priors within ``scales``."""
+def case(
+    output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.0), width: int = 3, left: float = 0.0
+) -> Case:
+    """Random data; powers of ten of the priors within ``scales``, and noise correlated by ``left``."""
     generator = np.random.default_rng(seed)
     lags_s, gains = (np.array(one) for one in MODES[output])
     factor = generator.uniform(0.8, 1.2, n)
@@ -65,7 +73,8 @@ def case(output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.
     start, steps = 10.0 ** generator.uniform(*scales, (2, walk.here.shape[1]))
     steps[: gains.size] = 0.0
     weights = generator.integers(0, 3, n) / 2.0
-    return Case(walk, factor, generator.standard_normal((n, width)), weights, start, steps)
+    white = whitening(generator.random(n) < 0.9, left)
+    return Case(walk, factor, generator.standard_normal((n, width)), weights, start, steps, white)
 
 
 @settings(deadline=None)
@@ -74,9 +83,10 @@ def case(output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.
     n=st.integers(1, 9 * KNOT_TICKS),
     seed=st.integers(0, 2**32 - 1),
     width=st.integers(1, 8),
+    left=st.sampled_from([0.0, 0.3, 0.98]),
 )
-def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int) -> None:
-    one = case(output, n, seed, width=width)
+def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int, left: float) -> None:
+    one = case(output, n, seed, width=width, left=left)
     found, (rows, others) = one.eliminated(), one.rows()
     triangle = np.linalg.qr(rows)[1]
     values, *_ = np.linalg.lstsq(rows, others, rcond=None)

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
-from fsw_identification import disturbed, estimation, model_file, report, statistics, summary
+from fsw_identification import disturbed, estimation, model_file, noise, report, statistics, summary
 from fsw_identification.elimination import knots
 from fsw_identification.friction import from_air
 from fsw_identification.problem import HEAT
@@ -86,7 +87,7 @@ def scores(fit: estimation.Fit, p: ModelParameters = OTHER) -> dict[str, float]:
 
 def measured(segment: Segment, p: ModelParameters) -> Knowledge:
     depth, temperature, _ = segment.measured.T
-    return Knowledge(temperature - p.operating_temperature_c, depth, *np.zeros((2, segment.n_ticks)))
+    return Knowledge(temperature - p.operating_temperature_c, depth, *np.zeros((3, segment.n_ticks)))
 
 
 @pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
@@ -129,8 +130,39 @@ def test_estimate_with_its_deviations() -> None:
     assert fit.std["dead_time_s"] < 0.1 and fit.std["thermal_gain_c_per_kw"] < 1.0
     assert fit.noise == pytest.approx(NOISE, rel=0.1)
     assert not fit.shifts and not fit.notes
-    judged = statistics.judge(fit.segments, fit.residuals)
+    judged = statistics.judge(fit.segments, fit.residuals, fit.whitened)
     assert all(max(judged.outside(output)) < 0.1 for output in range(3))
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_coloured_noise_is_estimated_along() -> None:
+    signals, left = weld(seconds=200.0, noise=0.0), noise.left_of(2.0)
+    fresh = np.random.default_rng(3).standard_normal((3, signals.n_ticks))
+    for of, std, one in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True):
+        of += std * scipy.signal.lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], one)
+    fit = estimation.identify([only(signals)])
+    assert max(map(abs, scores(fit).values())) < 4.0
+    assert fit.noise == pytest.approx(NOISE, rel=0.3)
+    assert fit.correlation_s == pytest.approx([2.0] * 3, rel=0.6)
+    assert not summary.disturbances(fit)
+    assert sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
+    assert model_file.text(fit, "weld").count("correlated over") == 3
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
+    signals, left = weld(seconds=200.0, noise=0.0), np.exp(-0.1 / 2.0)
+    rise = signals.temperature_c - signals.temperature_c[0]
+    signals.temperature_c[:] -= rise - scipy.signal.lfilter([0.0, 1.0 - left], [1.0, -left], rise)
+    for of, std in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, strict=True):
+        of += std * np.random.default_rng(3).standard_normal(signals.n_ticks)
+    fit = estimation.identify([only(signals)])
+    assert fit.lag_s is not None and fit.lag_s[0] == pytest.approx(2.0, abs=max(0.1, 4.0 * fit.lag_s[1]))
+    assert abs(scores(fit)["depth_gain_mm_per_kn_s"]) < 4.0
+    assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
+    assert "lags" in model_file.text(fit, "weld")
 
 
 @pytest.mark.slow
@@ -332,7 +364,7 @@ def test_a_short_weld() -> None:
 def test_validation_shows_a_wrong_model() -> None:
     segment = only(weld(seed=3))
     right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
-    fits = [statistics.judge(one.segments, one.residuals).fit_percent for one in (right, wrong)]
+    fits = [statistics.judge(one.segments, one.residuals, one.whitened).fit_percent for one in (right, wrong)]
     assert all(good > 80.0 for good in fits[0]) and fits[1][1] < fits[0][1] - 10.0
 
 

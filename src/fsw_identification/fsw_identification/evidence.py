@@ -1,0 +1,98 @@
+"""What is chosen by the evidence: sizes of the random walks, colour of the sensors' noise, lag of the thermocouple."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.noise import left_of
+from fsw_identification.simulation import OUTPUTS
+
+if TYPE_CHECKING:
+    from fsw_identification.problem import Part, Problem
+
+#: of an output: the walks of its input and of itself
+WALKS_OF = ((0, 2), (1, 3), (4,))
+#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
+#: smallest, at the start, largest
+WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
+WALK = np.stack([WALK, 0.03 * WALK], axis=1)
+#: largest factor on the size of a walk in one iteration
+_WALK_STEP = 4.0
+#: what a disturbance has to add to the evidence before its size is e times the smallest
+_PARSIMONY = 4.0
+#: shortest and longest correlation times of the noise that are tried [s]
+_CORRELATION_S = (0.02, 30.0)
+
+
+def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
+    """Sizes of the random walks with the largest evidence, of one after the other."""
+    found: FloatArray = problem.walk.copy()
+
+    def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
+        sizes = found.copy()
+        sizes[at] = np.exp(log_size)
+        return problem.evidence_of(*problem.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+
+    for output, which in enumerate(WALKS_OF):
+        of_output = [part for part in parts if part.output == output]
+        for at in ((i, walk) for walk in which for i in range(2)):
+            bounds = np.clip(np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at]))
+            best = scipy.optimize.minimize_scalar(
+                of_size, args=(of_output, at), method="bounded", bounds=bounds, options={"xatol": 0.1}
+            )
+            found[at] = np.exp(best.x)
+    return found
+
+
+def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
+    """Take the correlation of each output's noise with the largest evidence."""
+    for output in range(len(OUTPUTS)):
+        of_output = [part for part in parts if part.output == output]
+
+        def take(log_s: float, output: int = output, of_output: list[Part] = of_output) -> float:
+            problem.left[output] = left_of(np.exp(log_s))
+            problem.take_noise(output)
+            for part in of_output:
+                problem.compress(part)
+            return problem.evidence_of(*problem.eliminate(of_output, True)) + of_samples(problem, output)
+
+        bounds = np.log(_CORRELATION_S)
+        take(scipy.optimize.minimize_scalar(take, method="bounded", bounds=bounds, options={"xatol": 0.1}).x)
+
+
+def evidence(problem: Problem) -> float:
+    """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
+    found = problem.evidence_of(*problem.eliminate(problem.linearised(problem.parameters, True), True))
+    return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
+
+
+def of_samples(problem: Problem, output: int) -> float:
+    """What the density of the samples of an output adds to minus twice the logarithm of the evidence."""
+    found = 0.0
+    for i, weights in enumerate(problem.weights):
+        scale = problem.whitening(i, output).scale[weights[:, output] > 0.0]
+        found += 2.0 * float(np.log(problem.noise[output] / scale).sum())
+    return found
+
+
+def likely_colour(problem: Problem) -> FloatArray:
+    """(3,): correlation of the noise from tick to tick with the largest evidence at a solution, which stays."""
+    before = problem.left.copy(), problem.noise.copy()
+    take_likely_colour(problem, problem.linearised(problem.parameters, True))
+    found = problem.left
+    problem.left, problem.noise = before
+    return found
+
+
+def likely_lag(problem: Problem) -> tuple[float, float]:
+    """Lag of the thermocouple that the depth tells at a solution, which stays as it is, and its standard deviation."""
+    before, problem.lagged = problem.lagged, True
+    border, _ = problem.eliminate(problem.linearised(problem.parameters, True), True)
+    problem.lagged = before
+    covariance = np.linalg.inv(border[1:, 1:])
+    return problem.lag_s + float(covariance[-1] @ border[1:, 0]), float(np.sqrt(covariance[-1, -1]))

@@ -1,0 +1,55 @@
+"""Sensor noise that is correlated in time: a first-order Gauss-Markov process, n' = a n + e, white where a is 0.
+
+Whitening subtracts from each sample what the one before lets expect. In units of e, as the rows of least squares are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_analysis.weld_signals import FloatArray, IntArray
+from fsw_control.weld import TICK_S
+from fsw_identification.simulation import KNOT_TICKS
+
+#: noise that is correlated over less is called white [s]
+WHITE_S = 0.05
+
+
+class Whitening(NamedTuple):
+    """Of the samples of one output of one segment, (n,) each: ``scale (sample - share sample before)``."""
+
+    before: IntArray  #: tick of the sample before
+    share: FloatArray
+    scale: FloatArray
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Whitened values."""
+        return np.asarray(self.scale * (values - self.share * values[self.before]))
+
+
+def whitening(known: NDArray[np.bool_], left: float) -> Whitening:
+    """Of samples, where ``known``, whose noise is correlated by ``left`` from tick to tick.
+
+    The sample before may be several ticks ago, but not on the other side of a knot: then it is taken for unknown.
+    """
+    at = np.arange(known.size)
+    last = np.maximum.accumulate(np.where(known, at, -1))
+    before = np.concatenate([[-1], last[:-1]])
+    none = before < (at - 1) // KNOT_TICKS * KNOT_TICKS
+    none[:1] = True
+    before = np.where(none, at, before)
+    share = np.where(none, 0.0, left ** (at - before))
+    return Whitening(before, share, np.sqrt((1.0 - left**2) / (1.0 - share**2)))
+
+
+def left_of(correlation_s: float) -> float:
+    """Correlation from tick to tick."""
+    return float(np.exp(-TICK_S / correlation_s))
+
+
+def correlation_s(left: FloatArray) -> FloatArray:
+    """Time after which the autocorrelation is down to 1/e; 0 of white noise."""
+    return np.asarray([-TICK_S / np.log(one) if one > 0.0 else 0.0 for one in left])
