@@ -59,6 +59,7 @@ LONGEST_PAGE = 1500  # words
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
 CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
+INDEX = WORKSPACE / "docs" / "index.md"
 VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
@@ -388,6 +389,25 @@ def with_packages(page: str) -> str:
     return re.sub(pattern, lambda match: f"{match[1]}{drawing}{match[2]}", page, flags=re.DOTALL)
 
 
+def with_navigation(page: str) -> str:
+    """The page with all pages of the site, in the order of its navigation."""
+    navigation = yaml.load((WORKSPACE / "mkdocs.yml").read_text("utf-8"), yaml.BaseLoader)["nav"]
+
+    def items(entries: Sequence[dict[str, Any]], indent: str = "") -> list[str]:
+        lines = []
+        for name, value in (pair for entry in entries for pair in entry.items()):
+            if isinstance(value, str):
+                lines.append(f"{indent}- [{name}]({value})")
+            else:
+                lines += [f"{indent}- {name}", *items(value, f"{indent}  ")]
+        return lines
+
+    sections = [(name, value) for entry in navigation for name, value in entry.items() if not isinstance(value, str)]
+    listed = "\n\n".join("\n".join([f"### {name}", "", *items(value)]) for name, value in sections)
+    pattern = r"(<!-- pages: begin -->\n\n).*?(\n\n<!-- pages: end -->)"
+    return re.sub(pattern, lambda match: f"{match[1]}{listed}{match[2]}", page, flags=re.DOTALL)
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Stand in for the results where they have not been made yet."""
     if files.get_file_from_path(RESULTS) is None:
@@ -431,6 +451,7 @@ def main() -> int:
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
     pages = {REFERENCE / name: text for name, text in reference().items()}
     pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
+    pages[INDEX] = with_navigation(INDEX.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
     pages[safety_case.TABLE] = f"{NOTE}\n\n{safety_case.table(requirements, tests)}"
     faults = safety_case.faults(requirements, tests, safety_case.PAGE.read_text("utf-8"))

@@ -166,12 +166,12 @@ def page(data: Mapping[str, Any]) -> str:
         "margins": margin_rows(data["margins"]),
         "late": late_rows(data["late"]),
     }
-    tables = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
+    texts = {name: table(rows).replace(" | ", "|") for name, rows in tables.items()}
     return (
         templates(Path(__file__).parent)
         .get_template("adaptive.md.j2")
         .render(
-            tables,
+            texts,
             plants=len(plants),
             seed=SEED,
             swings=swings,

@@ -74,7 +74,7 @@ def weld(chain):
         if not chain.launcher.children[name].running:
             chain.start(name)
     chain.runs()
-    chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 15.0, "the process to settle")
+    chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 40.0, "the process to settle")
     first = len(chain.taken())
     yield chain
     chain.runs(more=3)
