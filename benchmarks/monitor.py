@@ -423,7 +423,9 @@ def main():
     save(figures, chosen.json)
     if not quick:
         template = templates(Path(__file__).parent).get_template("monitor.md.j2")
-        chosen.page.write_text(template.render(figures=figures, tables=tables, beside=beside, slow=slow), encoding="utf-8")
+        chosen.page.write_text(
+            template.render(figures=figures, tables=tables, beside=beside, slow=slow), encoding="utf-8"
+        )
 
 
 if __name__ == "__main__":
