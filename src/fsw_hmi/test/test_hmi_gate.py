@@ -154,11 +154,11 @@ def test_300_half_open_requests_shut_no_new_page_out(server, host):
 @pytest.mark.requirement("S30")
 @pytest.mark.parametrize("host", [HERE, THERE])
 def test_idle_pages_of_strangers_shut_no_new_page_out(make_server, host):
-    server = make_server(max_pages=100)
+    server = make_server(max_pages=20)
     with contextlib.ExitStack() as stack:
         anna = stack.enter_context(server.open(source_address=(host, 0)))
         assert anna.log_in(TOKEN)["outcome"] == "done"
-        strangers = [stack.enter_context(server.open(source_address=(host, 0))) for _ in range(100)]
+        strangers = [stack.enter_context(server.open(source_address=(host, 0))) for _ in range(20)]
         with pytest.raises(ConnectionClosed) as closed:
             strangers[0].until("never")
         assert closed.value.rcvd.code == 1013

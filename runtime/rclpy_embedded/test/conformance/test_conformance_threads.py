@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -49,24 +50,25 @@ def test_callbacks_run_side_by_side(context: Context, node: Any, groups: str) ->
     met = threading.Barrier(2, timeout=PATIENCE_S)
     done = [threading.Event(), threading.Event()]
 
-    def meet(event: threading.Event) -> None:
-        if not event.is_set():
+    def meet(event: threading.Event, first: threading.Semaphore) -> None:
+        if first.acquire(blocking=False):  # no other call waits: nobody would come for it
             met.wait()  # broken unless the other one is in its callback, too
             event.set()
 
     one = ReentrantCallbackGroup()
     pair = (one, one) if groups == "reentrant" else (MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup())
     for event, group in zip(done, pair, strict=True):
-        node.create_timer(0.01, lambda event=event: meet(event), callback_group=group)
+        node.create_timer(0.01, partial(meet, event, threading.Semaphore(1)), callback_group=group)
     with spinning(context, node):
         assert all(event.wait(PATIENCE_S) for event in done)
 
 
 def test_a_reentrant_callback_overlaps_with_itself(context: Context, node: Any) -> None:
+    first = threading.Semaphore(3)
     met, done = threading.Barrier(3, timeout=PATIENCE_S), threading.Event()
 
     def meet() -> None:
-        if not done.is_set():
+        if first.acquire(blocking=False):
             met.wait()
             done.set()
 
