@@ -33,9 +33,7 @@ def noise(random: np.random.Generator, n: int, correlation_s: float = 0.0) -> np
     return np.array(found)
 
 
-def samples(
-    seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float
-) -> list[Sample]:
+def samples(seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float) -> list[Sample]:
     """A weld whose model has its parameters multiplied by ``factors``; its noise may be correlated."""
     force, speed = inputs(seconds, excited)
     shown = ProcessModel(ModelParameters().scaled(**factors)).simulate(force.tolist(), speed.tolist())
