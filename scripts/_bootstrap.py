@@ -76,10 +76,14 @@ def ensure(dev=False, oldest=False, extras=()):
         names = (*names, "node.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
     if not _is_ready(home, locks):
-        with open(home.with_suffix(".lock"), "w") as turn:
-            fcntl.flock(turn, fcntl.LOCK_EX)  # several nodes may be started at once on a fresh machine
-            if not _is_ready(home, locks):
-                _make(home, locks)
+        try:
+            with open(home.with_suffix(".lock"), "w") as turn:
+                fcntl.flock(turn, fcntl.LOCK_EX)  # several nodes may be started at once on a fresh machine
+                if not _is_ready(home, locks):
+                    _make(home, locks)
+        except (OSError, subprocess.CalledProcessError) as error:
+            missing = ", ".join(names)
+            sys.exit(f"[set-up] cannot write {home} ({missing}): {error}\n[set-up] run this once as a user who may write there")
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
@@ -104,7 +108,8 @@ def start(module, extras=()):
         main = importlib.import_module(module).main
         _on_interrupt(signal.default_int_handler)
         code = main()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the parent process
+            sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         code = 130

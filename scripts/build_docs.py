@@ -337,7 +337,7 @@ def arguments(parser: argparse.ArgumentParser) -> list[str]:
     for action in parser._actions:
         if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
             chosen = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
-            text = (action.help or "").replace("%%", "%")
+            text = argparse.HelpFormatter("")._expand_help(action) if action.help else ""
             rows.append((f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part)))
     return ["", *table(("argument", "meaning"), rows)] if rows else []
 

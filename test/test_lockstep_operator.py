@@ -66,6 +66,8 @@ def test_reference_keeps_what_is_left_out(fsw, patient):
     code, _, error = fsw("reference", "--depth", "2.67")
     assert (code, "hold the programme first" in error) == (1, True)
     patient("weld", "hold")
+    code, _, error = fsw("reference", "--depth", "3.8")
+    assert (code, "3.8 mm would trip the interlock" in error) == (1, True)
     assert patient("reference", "--depth", "2.67") == "set-points 2.67 mm, 816.4 degC\n"
     printed = patient("reference", "--temperature", "817")
     assert printed == "set-points 2.67 mm, 817 degC\n", "the sender of the depth has left"

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_schema", "fsw_control"},
-    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
+    "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},
     "fsw_quality": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model", "fsw_recorder", "fsw_msgs"},
     # of fsw_plant: what disturbs it

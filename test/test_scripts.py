@@ -71,6 +71,18 @@ def test_help_of_the_tests_installs_nothing(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"test.py", "_bootstrap.py"}
 
 
+def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
+    """By a copy of the folder, in which there is a folder in the place of the lock."""
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "_bootstrap.py").write_text((SCRIPTS / "_bootstrap.py").read_text())
+    (tmp_path / "requirements").mkdir()
+    for name in (".venv.lock", ".venv-ros.lock", "runtime/rclpy_embedded"):
+        (tmp_path / name).mkdir(parents=True)
+    program = f"import sys; sys.path.insert(0, {str(tmp_path / 'scripts')!r}); import _bootstrap; _bootstrap.ensure()"
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False)
+    assert ran.returncode == 1 and "Traceback" not in ran.stderr and str(tmp_path / ".venv") in ran.stderr
+
+
 def test_output_that_nobody_reads():
     command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
     ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False)

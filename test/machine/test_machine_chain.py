@@ -125,6 +125,8 @@ def test_a_deactivated_gateway_leaves_the_machine_to_its_watchdog(weld):
     assert ask(Transition.TRANSITION_DEACTIVATE)
     weld.until_safe()
     assert ask(Transition.TRANSITION_ACTIVATE)
+    gateway = weld.launcher.children["gateway"]
+    weld.until(lambda: gateway.text().count("connection: connected") == 2, "the second session")
     weld.until_report("writes", "taken")
 
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
-from rclpy.impl import discovery
+from rclpy.impl import discovery, session
 
 
 def _element(text: str, path: str) -> str | None:
@@ -94,6 +94,13 @@ def test_loopback_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_cyclonedds_uri_is_appended() -> None:
     assert discovery.configuration(0, {"CYCLONEDDS_URI": "file:///etc/dds.xml"}).endswith(",file:///etc/dds.xml")
+
+
+@pytest.mark.parametrize("uri", ["nonsense", "file:///none.xml", "file:///Größe.xml"])
+def test_a_configuration_that_cannot_be_used_is_named(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", uri)
+    with pytest.raises(RuntimeError, match=f"cannot join domain 232; CYCLONEDDS_URI is '{uri}'"):
+        session._new_domain(232)
 
 
 def test_ports_fit_in_high_domains() -> None:

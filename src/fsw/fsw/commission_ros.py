@@ -83,7 +83,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
     CommandError
         When it was not welded to its end.
     """
-    domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or "0")
     names = ["-r", f"__node:={_RECORDER}", *(["-r", f"__ns:=/{one}"] if (one := arguments.namespace) else [])]
     with Launcher(bag.parent / "log", domain) as launcher:
         words = ["--ros-args", "-p", f"output:={bag}", *names]

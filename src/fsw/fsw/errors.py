@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -31,7 +32,8 @@ def exit_code(action: Callable[[], int]) -> int:
     """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
     try:
         code = action()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed by the parent process
+            sys.stdout.flush()
         return code
     except SHOWN as error:
         print(f"error: {_said(error)}", file=sys.stderr)
@@ -44,6 +46,8 @@ def exit_code(action: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # a file that cannot be read or written, wherever it occurs
-        where = f"cannot read or write {error.filename}: " if error.filename else ""
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # standard output, if no file is named
+        where = "writing failed: " if full else ""
+        where = f"cannot read or write {error.filename}: " if error.filename else where
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1

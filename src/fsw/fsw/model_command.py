@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
 from pathlib import Path
 
 from fsw.command import FORCE, command, file, option
@@ -43,14 +42,13 @@ def model(arguments: argparse.Namespace) -> int:
     steps = input_steps.read(arguments.events)
     parameters = ModelParameters.from_file(arguments.model) if arguments.model is not None else None
     course = input_steps.simulate(steps, ProcessModel(parameters))
-    with ExitStack() as all_whole:
-        parts = [all_whole.enter_context(replacing(file)) for file in files]
-        write_table(course, parts[0])
+    with replacing(arguments.csv) as table:
+        write_table(course, table)
         if arguments.figure is not None:
             from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
             title = f"Process in open loop: {Path(arguments.events).name}"
-            draw_open_loop(course | {"process_power_kw": course["power_kw"]}, title, parts[1])
+            draw_open_loop(course | {"process_power_kw": course["power_kw"]}, title, arguments.figure)
     last_s = course["time_s"][-1]
     print(f"{len(course['time_s'])} rows, 0 to {last_s:g} s, written to {', '.join(map(str, files))}")
     return 0

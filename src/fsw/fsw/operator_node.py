@@ -125,7 +125,7 @@ class LogLines:
 
 def domain_text() -> str:
     """The ROS domain in words."""
-    return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
+    return f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or '0'}"
 
 
 def graph_text(node: Operator) -> str:

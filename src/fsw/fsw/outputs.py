@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw_schema.files import replacing
+from fsw_schema import files
 
 
-def check_new(files: Iterable[Path | None], force: bool) -> None:
+def check_new(wanted: Iterable[Path | None], force: bool) -> None:
     """Refuse files that exist, before any work is done; CommandError names the first."""
-    for file in files:
+    for file in wanted:
         if file is not None and file.is_dir():
             raise CommandError(f"cannot write {file}: it is a folder")
         if file is not None and file.exists() and not force:
@@ -25,7 +25,7 @@ def write_text(file: Path, text: str) -> None:
     """Write a text file, its folder first; CommandError when that is not possible."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+        files.write_whole(file, text)
     except OSError as error:
         raise CommandError(f"cannot write {file}: {error.strerror}") from None
 
@@ -33,7 +33,7 @@ def write_text(file: Path, text: str) -> None:
 def write_whole(file: Path, write: Callable[[Path], object]) -> None:
     """Write a file that is there only when it is whole, its folder first."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as part:
+    with files.replacing(file) as part:
         write(part)
 
 

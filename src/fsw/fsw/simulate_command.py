@@ -12,6 +12,7 @@ import yaml
 
 from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
+from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
@@ -79,8 +80,7 @@ from fsw_schema.yaml_text import load_yaml
 )
 def simulate(arguments: argparse.Namespace) -> int:
     if arguments.list:
-        for name in shipped():
-            print(f"{name:<24} {' '.join(load(name).description.split())}")
+        print_table([(name, " ".join(load(name).description.split())) for name in shipped()])
         return 0
     if arguments.scenario is None:
         raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")

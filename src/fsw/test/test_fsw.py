@@ -1,5 +1,6 @@
 """The operator's command, as far as it needs no graph."""
 
+import errno
 import json
 import subprocess
 import sys
@@ -220,6 +221,22 @@ def test_list_of_scenarios(capsys):
     code, printed, _ = run(capsys, "simulate", "--list")
     assert code == 0
     assert "reference_tracking" in printed
+
+
+@pytest.mark.parametrize(
+    ("file", "said"), [("/x/weld.csv", "cannot read or write /x/weld.csv"), (None, "writing failed")]
+)
+def test_a_full_disk_is_one_line_that_says_where(capsys, file, said):
+    def fail():
+        raise OSError(errno.ENOSPC, "No space left on device", file)
+
+    assert exit_code(fail) == 1
+    assert capsys.readouterr().err == f"error: {said}: No space left on device\n"
+
+
+def test_standard_output_may_be_closed(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    assert exit_code(lambda: 0) == 0
 
 
 def test_every_command_says_what_it_does():

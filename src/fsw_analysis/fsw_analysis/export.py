@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_recorder.errors import BagError
+from fsw_schema.files import replacing
 
 Column = npt.NDArray[Any]
 
@@ -46,7 +47,8 @@ def export_weld(signals: WeldSignals, target: Path) -> int:
         raise BagError(f"{target}: only CSV tables can be written; the name must end in .csv")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        write_table(weld_table(signals), target)
+        with replacing(target) as part:
+            write_table(weld_table(signals), part)
     except OSError as error:
         raise BagError(f"{target}: cannot be written: {error.strerror or error}") from None
     return signals.n_ticks

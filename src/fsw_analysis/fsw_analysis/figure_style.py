@@ -12,6 +12,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fsw_schema.files import replacing
+
 STYLE = {
     "font.size": 10.0,
     "axes.grid": True,
@@ -43,7 +45,8 @@ def sheet(width: float, height: float, path: Path | None = None, **options: Any)
         figure = Figure(figsize=(width, height), layout="constrained", **options)
         yield figure
         if path is not None:
-            figure.savefig(path, format="png")
+            with replacing(path) as part:
+                figure.savefig(part, format="png")
 
 
 def shade_phases(axes: Iterable[Axes], spans: Iterable[tuple[float, float]]) -> None:

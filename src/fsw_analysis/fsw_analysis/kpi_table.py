@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fsw_schema.files import write_whole
+
 #: Rows of the table: meaning, unit, factor to that unit, by key.
 ROWS: dict[str, tuple[str, str, float]] = {
     "iae_depth_mm_s": ("IAE depth", "mm s", 1.0),
@@ -71,6 +73,6 @@ def table(rows: Sequence[Sequence[str]], words: int) -> str:
 def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
     """Write ``kpi.json`` (the list of runs) and ``kpi.md`` into ``folder``; returns their paths."""
     json_path, table_path = folder / "kpi.json", folder / "kpi.md"
-    json_path.write_text(json.dumps(list(runs), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    table_path.write_text(markdown(runs), encoding="utf-8")
+    write_whole(json_path, json.dumps(list(runs), indent=2, allow_nan=False) + "\n")
+    write_whole(table_path, markdown(runs))
     return [json_path, table_path]

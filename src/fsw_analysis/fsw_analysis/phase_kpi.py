@@ -13,6 +13,7 @@ import numpy as np
 from fsw_analysis.kpi import true_or_measured
 from fsw_analysis.kpi_table import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_schema.files import write_whole
 
 #: name, begin and end [s] of a phase
 Span = tuple[str, float, float]
@@ -122,6 +123,6 @@ def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
     """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
     data = [asdict(one) for rows in runs for one in rows]
     json_path, table_path = folder / "phases.json", folder / "phases.md"
-    json_path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    table_path.write_text(markdown(runs), encoding="utf-8")
+    write_whole(json_path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+    write_whole(table_path, markdown(runs))
     return [json_path, table_path]

@@ -96,6 +96,29 @@ class Tape:
         return Coming(at_ns / 1e9, coming.depth_mm, temperature_c)
 
 
+def temperature_at(tick: int) -> float:
+    return 849.0 + 0.01 * (tick % 5)
+
+
+def on_wire(command: Command) -> dict[str, Any]:
+    return {"axial_force": n_from_kn(command.force_kn), "spindle_speed": rad_s_from_rpm(command.speed_rpm)}
+
+
+def followed(tape: Tape, tick: int, reference: Reference, late: str, stated: bool, announced: bool) -> Reference:
+    """The set-points that the controller follows in a tick, after those of the last one; see `record`."""
+    if tick == 30 and late == "before the samples":
+        tape.put_reference(OTHER, at_once=True)
+    if tick == 31 and late:
+        reference = OTHER
+    if stated and tick in (0, 31):
+        tape.put_reference(reference, "/fsw/simple/reference")
+    if announced and tick == 20:
+        reference = replace(reference, coming=(tape.announce(OTHER, tape.stamp + 20 * TICK_NS),))
+    if announced and tick == 40:  # it does not come true
+        reference = replace(reference, coming=())
+    return reference
+
+
 def record(
     bag: Path,
     ticks: int = 60,
@@ -118,53 +141,38 @@ def record(
     tick 20 a change at tick 40 is announced. ``late_command_at``, ``late_sample_at``: the command applied before, or
     the thermocouple's sample, comes after the controller has answered this tick.
     """
-    controller, applied, last = Integrator(), INITIAL, None
+    controller, applied, reference, last = Integrator(), INITIAL, FIRST, None
     held: dict[str, Any] | None = None
     controller.reset(applied)
     with BagWriter(bag) as writer:
         tape = Tape(writer, space, begin_ns)
         tape.put_reference(FIRST, "/fsw/supervisor/reference" if kept else "/fsw/reference")
-        reference = FIRST
         for tick in range(ticks):
             tape.stamp += TICK_NS + (50 * TICK_NS if tick == jump_at else 0)
             if tick == jump_at:
                 controller.reset(applied)
                 last = None
-            if tick == 30 and late == "before the samples":
-                tape.put_reference(OTHER, at_once=True)
-            if tick == 31 and late:
-                reference = OTHER
-            if stated and tick in (0, 31):
-                tape.put_reference(reference, "/fsw/simple/reference")
-            if announced and tick == 20:
-                reference = replace(reference, coming=(tape.announce(OTHER, tape.stamp + 20 * TICK_NS),))
-            if announced and tick == 40:  # it does not come true
-                reference = replace(reference, coming=())
-            depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)
+            reference = followed(tape, tick, reference, late, stated, announced)
+            depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), temperature_at(tick)
             tape.put("/fsw/depth", depth=depth_m)
             tape.put("/fsw/spindle_torque", torque=1050.0 + tick % 3)
             if tick not in (lost_sensor_at, late_sample_at):
                 tape.put("/fsw/thermocouple", temperature=temperature)
             else:
-                late_temperature = temperature
-                temperature = 849.0 + 0.01 * ((tick - 1) % 5)  # the last good sample stands in
+                temperature = temperature_at(tick - 1)  # the last good sample stands in
             if by_hand and tick == 30:
                 tape.put_reference(FIRST)
             if tick == 30 and late == "before its proposal":
                 tape.put_reference(OTHER, at_once=True)
             dt_s, last = 0.1 if last is None else (tape.stamp - last) / 1e9, tape.stamp
-            measured = Measurement(tape.stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
-            command = controller.step(measured, reference, applied, dt_s).command
-            wire: dict[str, Any] = {
-                "axial_force": n_from_kn(command.force_kn),
-                "spindle_speed": rad_s_from_rpm(command.speed_rpm),
-            }
+            seen = Measurement(tape.stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
+            wire = on_wire(controller.step(seen, reference, applied, dt_s).command)
             tape.put("/fsw/simple/proposal", source="simple", healthy=True, **wire)
             if tick == late_sample_at:
-                tape.put("/fsw/thermocouple", temperature=late_temperature)
+                tape.put("/fsw/thermocouple", temperature=temperature_at(tick))
             if held:
                 tape.put("/fsw/command", source="simple", healthy=True, **held)
-                held = None
+            held = None
             if tick + 1 == late_command_at:
                 held = {**wire, "header": header(tape.stamp)}
                 continue

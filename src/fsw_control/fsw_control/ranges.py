@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from fsw_control import weld
 from fsw_schema.ranges import Range
 
 #: set-points, chosen about the paper's operating point
 REFERENCE_DEPTH_MM = Range(1.5, 4.0, "mm")
 REFERENCE_TEMPERATURE_C = Range(750.0, 950.0, "degC")
+#: the supervisor's interlocks against low and high values of what has a set-point
+SET_POINT_INTERLOCKS = {"depth_mm": ("", "depth_high"), "temperature_c": ("temperature_low", "temperature_high")}
 #: how fast a ramp of the set-points may be, chosen
 WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S = 0.02, 1.0
 #: commands by hand, as far as the drives go
@@ -20,3 +25,22 @@ def set_point_problem(depth_mm: float, temperature_c: float) -> str:
     named = (("depth", depth_mm, REFERENCE_DEPTH_MM), ("temperature", temperature_c, REFERENCE_TEMPERATURE_C))
     # rounded as by the conversion to the wire
     return "; ".join(f"{name}: {words}" for name, one, allowed in named if (words := allowed.complaint(round(one, 9))))
+
+
+def beyond_trip(depth_mm: float, temperature_c: float, parameters: Mapping[str, Any]) -> str:
+    """Why set-points lead to a trip of the supervisor's interlocks; empty if they do not, or the trips are unknown.
+
+    Parameters
+    ----------
+    depth_mm, temperature_c : float
+    parameters : mapping of str to number
+        Of the supervisor, as far as they are known: ``interlocks.<name>.trip``.
+    """
+    values = {"depth_mm": ("depth", depth_mm, "mm"), "temperature_c": ("temperature", temperature_c, "°C")}
+    for quantity, interlocks in SET_POINT_INTERLOCKS.items():
+        what, value, unit = values[quantity]
+        for interlock, sign, side in zip(interlocks, (-1.0, 1.0), ("below", "above"), strict=True):
+            trip = parameters.get(f"interlocks.{interlock}.trip")
+            if trip is not None and sign * (value - trip) >= 0.0:
+                return f"{what} {value:g} {unit} would trip the interlock: not {side} {trip:g} {unit}, nor at it"
+    return ""

@@ -145,11 +145,19 @@ class KeptReference:
     node : rclpy.node.Node
     leads : callable
         Awaited before a request is acted on and before success is answered: whether this supervisor leads.
+    problem : callable
+        Why requested set-points, depth [mm] and temperature [degC], are refused although in range; empty: they are not.
     """
 
-    def __init__(self, node: Node, leads: Callable[[], Awaitable[bool]]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        leads: Callable[[], Awaitable[bool]],
+        problem: Callable[[float, float], str] = lambda depth_mm, temperature_c: "",
+    ) -> None:
         self._node = node
         self._leads = leads
+        self._problem = problem
         self._queue = reference_queue(node, self._on_refused)
         self._queue.decides = False
         self._statement: StatedReference | None = None
@@ -259,6 +267,8 @@ class KeptReference:
         try:
             present = self._queue.at(self._tick_ns) if self._tick_ns >= 0 else None
             goal = _goal(request, present)
+            if problem := self._problem(goal.depth_mm, goal.temperature_c):
+                raise ValueError(problem)
             self._check_programme()
             self._check_listeners()
             response.ok, response.message = True, self._send(goal, present if request.ramp else goal, asked.mark)

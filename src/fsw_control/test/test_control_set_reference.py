@@ -28,7 +28,7 @@ class Graph(Spinner):
         self.nodes = [rclpy.create_node(name) for name in ("supervisor", "controller", "operator")]
         supervisor, self.controller, operator = self.nodes
         self.leads = True
-        self.kept = KeptReference(supervisor, self.certain)
+        self.kept = KeptReference(supervisor, self.certain, lambda depth_mm, _: "too deep" * (depth_mm > 3.0))
         self.kept.listen_to("echo")
         self.kept.open()
         self.follows = reference_queue(self.controller)
@@ -109,6 +109,7 @@ def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     graph.start_controller()
     assert "no set-points are in force yet" in graph.ask(2.7).message
     assert "1.5 to 4 mm" in graph.ask(9.0, 820.0).message
+    assert graph.ask(3.1, 820.0).message == "refused: too deep"
     accepted = graph.ask(2.7, 820.0)
     assert accepted.ok, accepted.message
     in_force = graph.kept._queue.at(graph.ticks * STEP_NS)

@@ -12,6 +12,7 @@ from fsw_control.ranges import (
     COMMAND_SPEED_RPM,
     REFERENCE_DEPTH_MM,
     REFERENCE_TEMPERATURE_C,
+    SET_POINT_INTERLOCKS,
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
@@ -36,14 +37,12 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "depth_mm": (
         REFERENCE_DEPTH_MM,
         {"quality": QUALITY_DEPTH_MM, "dead_band": DEAD_BAND_DEPTH_MM},
-        "",
-        "depth_high",
+        *SET_POINT_INTERLOCKS["depth_mm"],
     ),
     "temperature_c": (
         REFERENCE_TEMPERATURE_C,
         {"quality": QUALITY_TEMPERATURE_C, "dead_band": DEAD_BAND_TEMPERATURE_C},
-        "temperature_low",
-        "temperature_high",
+        *SET_POINT_INTERLOCKS["temperature_c"],
     ),
     "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
     "speed_rpm": (COMMAND_SPEED_RPM, {}, "", ""),
@@ -103,25 +102,6 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
     if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
         return None
     return {"force_kn": parameters["safe_force_kn"], "rate_kn_per_s": parameters["safe_rate_kn_per_s"]}
-
-
-def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) -> str:
-    """Why set-points lead to a trip of the supervisor's interlocks; empty if they do not, or the trips are unknown.
-
-    Parameters
-    ----------
-    set_points : mapping of str to float
-        By quantity, with its unit: ``depth_mm`` and ``temperature_c``.
-    parameters : mapping of str to number
-        As for :func:`limits`.
-    """
-    for quantity, value in set_points.items():
-        for trip, sign in zip(_interlocks(quantity, "trip", parameters), (-1.0, 1.0), strict=True):
-            if trip is not None and sign * (value - trip) >= 0.0:
-                what, _, unit = quantity.rpartition("_")
-                unit, side = {"c": "°C"}.get(unit, unit), "below" if sign < 0.0 else "above"
-                return f"{what} {value:g} {unit} would trip the interlock: not {side} {trip:g} {unit}, nor at it"
-    return ""
 
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fsw_hmi.limits import beyond_trip
+from fsw_control.ranges import beyond_trip
 from fsw_hmi.requests import AcknowledgeStop, Action, ChangeMode, SetReference, Switch
 
 _SAME = 1e-6
@@ -33,7 +33,7 @@ def why_not(
         wanted = action.depth_mm, action.temperature_c
         if in_force and all(abs(one - other) <= _SAME for one, other in zip(wanted, in_force, strict=True)):
             return "these set-points are in force already"
-        return beyond_trip({"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}, interlocks)
+        return beyond_trip(action.depth_mm, action.temperature_c, interlocks)
     if state is None:
         return ""
     mode, commanding = state["actual_mode"], state["actual_controller"]

@@ -4,7 +4,7 @@ import pytest
 
 from fsw_control.parameters import defaults, load
 from fsw_control.ranges import REFERENCE_DEPTH_MM
-from fsw_hmi.limits import beyond_trip, reference
+from fsw_hmi.limits import reference
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import ACTIONS, read
 from fsw_schema.models import InputError
@@ -63,21 +63,6 @@ def test_disturbance_of_nothing_is_refused(do, content):
     with pytest.raises(InputError, match="= 0 has no effect; 'none' ends a"):
         read(do, content)
     read(do, content | ({"shape": "none"} if do == "disturb" else {"kind": "none"}))
-
-
-@pytest.mark.parametrize(
-    ("depth_mm", "temperature_c", "told"),
-    [
-        (2.66, 850.0, ""),
-        (3.69, 850.0, ""),
-        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
-        (2.66, 790.0, "temperature 790 °C would trip the interlock: not below 790 °C, nor at it"),
-        (2.66, 911.0, "temperature 911 °C would trip the interlock: not above 910 °C, nor at it"),
-    ],
-)
-def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, TRIPS) == told
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, {}) == ""
 
 
 def test_form_has_the_limits_by_which_the_server_judges():

@@ -65,18 +65,26 @@ def check(security: Security, at: datetime) -> tuple[str, x509.Certificate]:
     if not uri:
         text = "names no application URI (subjectAltName), which OPC UA needs; make a new one"
         raise SecurityError(f"security.certificate: {security.certificate} {text}")
-    data = secret("security.private_key", security.private_key)
+    check_key("security.private_key", security.private_key, own, f"security.certificate {security.certificate}")
+    return uri, read_certificate("security.server_certificate", security.server_certificate, at)
+
+
+def check_key(field: str, path: Path, certificate: x509.Certificate, named: str) -> None:
+    """Check that a file holds the private key of a certificate, which is ``named`` in what is said.
+
+    Raises
+    ------
+    SecurityError
+        When it does not, or others may read it.
+    """
+    data = secret(field, path)
     try:
         load = serialization.load_pem_private_key if b"-----" in data else serialization.load_der_private_key
         key = load(data, password=None)
     except (ValueError, TypeError):
-        raise SecurityError(
-            f"security.private_key: {security.private_key} holds no private key without a password in DER or PEM"
-        ) from None
-    if key.public_key() != own.public_key():
-        text = f"does not belong to security.certificate {security.certificate}"
-        raise SecurityError(f"security.private_key: {security.private_key} {text}")
-    return uri, read_certificate("security.server_certificate", security.server_certificate, at)
+        raise SecurityError(f"{field}: {path} holds no private key without a password in DER or PEM") from None
+    if key.public_key() != certificate.public_key():
+        raise SecurityError(f"{field}: {path} does not belong to {named}")
 
 
 def thumbprint(certificate: x509.Certificate) -> str:

@@ -92,6 +92,7 @@ class MachineNode(ManagedNode):
         self._end_session()
         self._events.clear()
         self._gateway.on_lost()
+        self._logged.clear()  # so that the next session is told, too
         self.get_logger().info("deactivated: the session is closed, and the machine's own watchdog makes it safe")
 
     def _end_session(self) -> None:

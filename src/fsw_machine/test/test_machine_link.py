@@ -224,6 +224,25 @@ def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_tex
     assert linked.next(Stalled).age_s > 0.3
 
 
+@pytest.mark.parametrize(
+    ("secured", "key", "words"),
+    [(False, "server_key.pem", "security: none"), (True, "", "needed"), (True, "client_key.pem", "does not belong to")],
+)
+def test_the_test_machine_refuses_a_server_key_that_does_not_fit(
+    tmp_path, shipped_text, monkeypatch, capsys, secured, key, words
+):
+    machine_server.make_certificates(tmp_path)
+    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    security = {"policy": "Basic256Sha256"} | names if secured else "none"
+    file = write_machine_file(tmp_path / "m.yaml", free_port(), shipped_text, security=security)
+    given = ["--server-key", str(tmp_path / key)] if key else []
+    monkeypatch.setattr("sys.argv", ["run_machine_server.py", "--machine-file", str(file), *given])
+    with ThreadPoolExecutor() as pool:  # of its own loop
+        assert pool.submit(machine_server.main).result() == 2
+    said = capsys.readouterr().err
+    assert "--server-key: " in said and words in said and said.count("\n") == 1
+
+
 def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
     later = datetime.now(UTC) + timedelta(days=5)
     cert, key = make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])

@@ -17,6 +17,7 @@ from fsw_scenario.controllers import program
 from fsw_scenario.launcher import Child, Launcher, LaunchError
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
+from fsw_schema.files import write_whole
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
@@ -73,9 +74,9 @@ class WeldGraph:
         programs = {name: program(name) for name in self.all_controllers}
         self.folder.mkdir(parents=True, exist_ok=True)
         scenario_file = self.folder / "scenario.yaml"
-        scenario_file.write_text(self.scenario.text, encoding="utf-8")
+        write_whole(scenario_file, self.scenario.text)
         parameter_file = self.folder / "parameters.yaml"
-        parameter_file.write_text(yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False), encoding="utf-8")
+        write_whole(parameter_file, yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False))
         ros_args = ["--ros-args", "--params-file", str(parameter_file)]
         if self.record:
             launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)

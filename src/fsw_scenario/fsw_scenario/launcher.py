@@ -52,8 +52,10 @@ class Child:
         return read_status(self.log.with_suffix(".status"))
 
     def last_lines(self) -> str:
-        """The last lines that it printed, as one line."""
-        return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
+        """The last lines that it printed, as one line; none of information where there are others."""
+        lines = self.text().strip().splitlines()
+        wrong = [line for line in lines if not line.startswith(("[DEBUG]", "[INFO]"))]
+        return " | ".join((wrong or lines)[-5:]) or "it printed nothing"
 
 
 class Launcher:

@@ -89,6 +89,7 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
             if len(sys.argv) > 1:
                 write_status(said=1)
                 write_status(url="x", number=2.5)
+                print("[INFO] [1.0] [w]: hello")
                 print("it broke")
             return 3
         """,

@@ -27,6 +27,7 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """A new, empty file beside ``path`` to be written, which takes its place at the end, or is removed after an error.
 
     So nobody ever reads half a file, and several processes may write it at once. It has the suffix of ``path``.
+    A link is followed; what is no file, as ``/dev/stdout``, is never replaced but written itself.
 
     Parameters
     ----------
@@ -37,17 +38,21 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
     Raises
     ------
     OSError
-        The file cannot be made or replaced; it names ``path``.
+        The file cannot be made, written or replaced; it names ``path``.
     """
-    scratch = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.tmp{path.suffix}")
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    target = path.resolve()
+    scratch = target.with_name(f".{path.stem}.{secrets.token_hex(4)}.tmp{path.suffix}")
     try:
         os.close(os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    try:
         yield scratch
-        scratch.replace(path)
+        scratch.replace(target)
+    except OSError as error:
+        if error.filename in (None, str(scratch)):  # a write does not say where
+            error.filename, error.filename2 = str(path), None
+        raise
     finally:
         scratch.unlink(missing_ok=True)
 

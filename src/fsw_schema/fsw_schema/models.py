@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from itertools import pairwise
@@ -125,7 +125,7 @@ def validate(model: type[M], content: Any, where: str) -> M:
         problems = list(dict.fromkeys(_problem(one, content, models) for one in error.errors(include_url=False)))
         if len(problems) > _MOST_PROBLEMS:
             problems[_MOST_PROBLEMS:] = [f"and {len(problems) - _MOST_PROBLEMS} more"]
-        raise InputError(f"{where}: {'; '.join(problems)}") from None
+        raise InputError(f"{where}: {'; '.join(_known_once(problems))}") from None
 
 
 def content_of(text: str, where: str) -> Any:
@@ -245,6 +245,15 @@ class _GenerateJsonSchema(GenerateJsonSchema):
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
+
+
+def _known_once(problems: Iterable[str]) -> Iterator[str]:
+    """The problems, each list of known keys only where it occurs first."""
+    told: set[str] = set()
+    for problem in problems:
+        text, _, known = problem.partition("known: ")
+        yield text.rstrip("; ") if known and known in told else problem
+        told.add(known)
 
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> str:

@@ -1,5 +1,6 @@
 """Where files are kept, and how they appear whole."""
 
+import errno
 import fcntl
 import os
 import stat
@@ -49,6 +50,22 @@ def test_error_names_the_file_that_was_meant(tmp_path):
     with pytest.raises(FileNotFoundError) as raised, replacing(tmp_path / "none" / "weld.csv"):
         pass
     assert raised.value.filename == str(tmp_path / "none" / "weld.csv")
+
+
+def test_error_of_a_write_names_the_file_that_was_meant(tmp_path):
+    with pytest.raises(OSError, match="No space") as raised, replacing(tmp_path / "weld.csv"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert (raised.value.filename, list(tmp_path.iterdir())) == (str(tmp_path / "weld.csv"), [])
+
+
+def test_what_is_no_file_is_not_replaced_and_a_link_is_followed(tmp_path):
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    with replacing(pipe) as scratch:
+        assert scratch == pipe
+    link.symlink_to(tmp_path / "weld.csv")
+    write_whole(link, "new")
+    assert (link.is_symlink(), (tmp_path / "weld.csv").read_text(), pipe.is_fifo()) == (True, "new", True)
 
 
 @pytest.mark.parametrize("content", ["30 °C\n", b"30 \xc2\xb0C\n"])

@@ -113,6 +113,8 @@ def test_all_problems_are_listed_but_not_hundreds():
     )
     with pytest.raises(InputError, match=r"and 91 more$"):
         read(f"{{name: a, marks: [{'3, ' * 101}]}}")
+    with pytest.raises(InputError, match=r"known: name, .*, sound; mark is an unknown key; did you mean marks\?$"):
+        read("{name: a, 1: 2, mark: 3}")
 
 
 def test_json_schema_has_range_unit_and_meaning():

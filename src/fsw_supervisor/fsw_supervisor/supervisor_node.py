@@ -16,6 +16,7 @@ from fsw_control.contract import Command
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
+from fsw_control.ranges import beyond_trip
 from fsw_control.references_ros import KeptReference
 from fsw_control.reports_ros import DiagnosticsPublisher, log
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
@@ -64,7 +65,11 @@ class SupervisorNode(Node):
         self._command_topic = self.resolve_topic_name("fsw/command")
         self._published_revision = -1
         self._next_report_s = 0.0
-        self._kept_reference = KeptReference(self, self._leadership.certain)
+        self._kept_reference = KeptReference(
+            self,
+            self._leadership.certain,
+            lambda depth_mm, temperature_c: beyond_trip(depth_mm, temperature_c, self._values.values),
+        )
         self._controllers = ControllerTopics(
             self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
         )

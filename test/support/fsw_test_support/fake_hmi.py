@@ -93,17 +93,7 @@ class FakeHmi:
         self.requests: list[dict[str, Any]] = []
         self.touches = 0  #: how often a page has said that somebody is there
         self.state = _state()
-        self.progress: dict[str, Any] | None = {
-            "state": "running",
-            "phase": "joint_line",
-            "angle_deg": 143.0,
-            "length_mm": 1310.0,
-            "time_left_s": 1660.0,
-            "depth_mm": 2.66,
-            "temperature_c": 816.4,
-            "left": False,
-            "way_back_s": 0.0,
-        }
+        self.progress: dict[str, Any] | None = _progress()
         self.start_s = time.time() - 600.0
         self.held_s: float | None = None  #: the weld's clock, when it hardly moves
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
@@ -399,6 +389,20 @@ def _state() -> dict[str, Any]:
         "parts": [
             {"name": name, "level": "ok", "text": "running"} for name in ("arbiter", "process", "recorder", "plant")
         ],
+    }
+
+
+def _progress() -> dict[str, Any]:
+    return {
+        "state": "running",
+        "phase": "joint_line",
+        "angle_deg": 143.0,
+        "length_mm": 1310.0,
+        "time_left_s": 1660.0,
+        "depth_mm": 2.66,
+        "temperature_c": 816.4,
+        "left": False,
+        "way_back_s": 0.0,
     }
 
 

@@ -32,7 +32,7 @@ from cryptography import x509
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
 from fsw_control.units import NANOSECONDS
-from fsw_machine.certificates import SecurityError, der, now
+from fsw_machine.certificates import SecurityError, check_key, der, now, read_certificate
 from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
@@ -115,6 +115,7 @@ class MachineServer:
             When certificates cannot be used, or the port is taken.
         """
         server, machine = self._server, self._machine
+        self._check_key()
         await server.init()
         server.set_endpoint(self.endpoint)
         await server.set_application_uri(SERVER_URI)
@@ -135,13 +136,23 @@ class MachineServer:
         await server.start()
         self.is_open = True
 
+    def _check_key(self) -> None:
+        security, key = self._machine.security, self._server_key
+        if security is None:
+            if key is not None:
+                raise SecurityError("--server-key: useless, because the machine file says security: none")
+            return
+        if key is None:
+            raise SecurityError("--server-key: needed, because the machine file asks for security")
+        file = security.server_certificate
+        certificate = read_certificate("security.server_certificate", file, now())
+        check_key("--server-key", key, certificate, f"security.server_certificate {file}")
+
     async def _secure(self) -> None:
         security = self._machine.security
         if security is None:
             self._server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
             return
-        if self._server_key is None:
-            raise SecurityError("--server-key: needed, because the machine file asks for security")
         trusted = security.certificate.read_bytes()
 
         async def validate(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -226,7 +227,7 @@ def _acquire_domain(domain_id: int) -> None:
     options = discovery_range(), static_peers()
     with _domains_lock:
         if domain_id not in _domains:
-            _domains[domain_id] = _Domain(Domain(domain_id, configuration(domain_id)), options)
+            _domains[domain_id] = _Domain(_new_domain(domain_id), options)
         domain = _domains[domain_id]
         if options != domain.options:
             present = domain.options
@@ -235,6 +236,14 @@ def _acquire_domain(domain_id: int) -> None:
                 f"static peers {present[1]}; it cannot be joined with {options[0]} and {options[1]}"
             )
         domain.sessions += 1
+
+
+def _new_domain(domain_id: int) -> Domain:
+    try:
+        return Domain(domain_id, configuration(domain_id))
+    except (DDSException, UnicodeError) as error:  # Cyclone DDS says more on stderr
+        uri = os.environ.get("CYCLONEDDS_URI", "")
+        raise RCLError(f"cannot join domain {domain_id}" + (f"; CYCLONEDDS_URI is {uri!r}" if uri else "")) from error
 
 
 def _release_domain(domain_id: int) -> None:

@@ -1,0 +1,23 @@
+"""Which set-points may be asked for."""
+
+import pytest
+
+from fsw_control.ranges import beyond_trip
+
+TRIPS = {"interlocks.depth_high.trip": 3.7, "interlocks.temperature_low.trip": 790.0}
+TRIPS |= {"interlocks.temperature_high.trip": 910.0, "interlocks.temperature_high.warn": 800.0}
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "temperature_c", "told"),
+    [
+        (2.66, 850.0, ""),
+        (3.69, 850.0, ""),
+        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
+        (2.66, 790.0, "temperature 790 °C would trip the interlock: not below 790 °C, nor at it"),
+        (2.66, 911.0, "temperature 911 °C would trip the interlock: not above 910 °C, nor at it"),
+    ],
+)
+def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
+    assert beyond_trip(depth_mm, temperature_c, TRIPS) == told
+    assert beyond_trip(depth_mm, temperature_c, {}) == ""
