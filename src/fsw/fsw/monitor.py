@@ -54,6 +54,7 @@ def monitor(arguments: argparse.Namespace) -> int:
                 name: {"gain": gain, "standard_error": error if isfinite(error) else None}
                 for name, (gain, error) in watched.gains.items()
             },
+            "noise_correlated_over_s": watched.correlations_s,
             "largest": watched.largest(),
         },
     )
@@ -66,6 +67,8 @@ def _print(watched: Watched, process: str) -> None:
         found = [(one, one.finding) for one in watched.alarms]
         rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f.cause, f"{f.confidence:.0%}", f.advice) for a, f in found]
         print_table(rows, ("from [s]", "to [s]", "cause", "confidence in this cause", "advice"))
+    for name, time_s in watched.correlations_s.items():
+        print(f"noise of {name}: correlated over about {time_s:.1f} s; what it makes unsure is judged less sharply")
     for name, (gain, error) in watched.gains.items():
         interval = f" ± {2.0 * error:.1%}" if isfinite(error) else ""
         print(f"gain of {name}: {gain:.1%}{interval} of the model's")

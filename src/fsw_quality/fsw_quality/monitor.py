@@ -15,6 +15,7 @@ from fsw_control.contract import SENSORS
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
 from fsw_quality.diagnosis import Finding, Limits, diagnose, load_limits
+from fsw_quality.noise import NoiseWatch
 from fsw_quality.residuals import ModelResiduals
 from fsw_quality.watches import LEARN_S, DriveWatch, InnovationWatch, LoopWatch, ModelWatch, SensorWatch
 
@@ -99,6 +100,7 @@ class Monitor:
         self._drives = [DriveWatch(*one) for one in _DRIVES]
         self._loops = [LoopWatch("depth", 0.0), LoopWatch("temperature", dead_time_s)]
         self._innovations = [InnovationWatch(name) for name in ("torque", "depth", "heat")]
+        self._noises = {name: NoiseWatch() for name in ("torque", "depth", "heat")}
         self._counts: dict[str, _Count] = {}
         self._tick, self._lost, self._begun_s, self._time_s = 0, 0, nan, nan
         self._points, self._points_s = (nan, nan), nan
@@ -151,10 +153,32 @@ class Monitor:
         self._model.push(found)
         for innovation, value in zip(self._innovations, (found.torque_nm, found.depth_mm, found.heat_c), strict=True):
             innovation.push(value)
+        if self.learning:
+            for noise, value in zip(
+                self._noises.values(), (found.torque_nm, found.depth_mm, found.heat_c), strict=True
+            ):
+                noise.push(value)
+
+    @property
+    def correlations_s(self) -> dict[str, float]:
+        """Times over which the noise of a sensor is correlated, as learnt at the begin of the weld; none if white."""
+        noises = (self._noises[name].noise for name in ("depth", "torque", "heat"))
+        return {name: one.correlation_s for name, one in zip(SENSORS, noises, strict=True) if one.correlation_s}
+
+    def _learn_noise(self) -> None:
+        for one in self._noises.values():
+            one.learn()
+        noises = {name: one.noise for name, one in self._noises.items()}
+        heated_c = self._residuals.heated_c(noises["torque"])
+        self._model.noisy(noises, heated_c)
+        self._loops[0].noisy(noises["depth"], 0.0)
+        self._loops[1].noisy(noises["heat"], heated_c)
 
     def _second(self, time_s: float) -> None:
         since_s, calm_s = time_s - self._begun_s, time_s - self._points_s
         turn, told = self._tick // round(1.0 / TICK_S), self._told
+        if since_s <= LEARN_S and turn % 5 == 0:
+            self._learn_noise()
         self._model.second(since_s)
         self._model.estimate()
         told["model"] = self._model.figures()
@@ -165,10 +189,12 @@ class Monitor:
                 told[f"drive {drive.name}"] = drive.figures(calm_s)
         else:
             for innovation in self._innovations:
-                told[f"innovation {innovation.name}"] = innovation.figures(since_s, calm_s)
+                told[f"innovation {innovation.name}"] = innovation.figures(
+                    since_s, calm_s, self._noises[innovation.name].noise
+                )
         if turn % 5 == 0:
-            noises = self._sensors[0].normal, self._sensors[2].normal
-            for loop, noise in zip(self._loops, noises, strict=True):
+            normal = self._sensors[0].normal, self._sensors[2].normal
+            for loop, noise in zip(self._loops, normal, strict=True):
                 told[f"loop {loop.name}"] = loop.figures(calm_s, noise)
         self.figures = {name: value for figures in told.values() for name, value in figures.items()}
         for name, limit in self._limits.limits.items():

@@ -144,6 +144,8 @@ class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             "alarms": len(self._monitor.findings),
             "longest step [ms]": f"{1e3 * self._longest_step_s:.3f}",
         }
+        for name, time_s in self._monitor.correlations_s.items():
+            values[f"noise of {name} correlated over [s]"] = f"{time_s:.1f}"
         lines = [Report("watch", OK, text, values)]
         for kind, one in self._told.items():
             if one is None or not watched:

@@ -34,6 +34,7 @@ class Watched:
     time_s: list[float] = field(default_factory=list)  #: of the figures, once a second
     figures: list[dict[str, float]] = field(default_factory=list)
     gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: surest of each, with standard error
+    correlations_s: dict[str, float] = field(default_factory=dict)  #: of each sensor's noise that is not white
 
     def largest(self) -> dict[str, float]:
         """Largest value of each figure."""
@@ -97,6 +98,7 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
 
 def _note(found: Watched, present: dict[str, Told], monitor: Monitor, time_s: float) -> None:
     found.time_s.append(time_s)
+    found.correlations_s = monitor.correlations_s
     found.figures.append(monitor.figures)
     now = {one.kind: one for one in monitor.findings}
     for kind in [kind for kind in present if kind not in now]:

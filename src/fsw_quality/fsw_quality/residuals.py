@@ -26,6 +26,7 @@ import numpy as np
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, ModelParameters, equations
+from fsw_quality.noise import Noise
 
 #: a jump from one sample to the next, in standard deviations of the noise, that no process makes: an edge of the
 #: workpiece, a step of the sensor (chosen)
@@ -118,6 +119,17 @@ class ModelResiduals:
         self._moves += STEP_S / _NOISE_S * (abs(moved) - self._moves)
         return depth_mm - self._edges
 
+    def heated_c(self, torque: Noise) -> float:
+        """Standard deviation of the temperature that a correlated noise of the torque seems to make, at this speed."""
+        if not torque.correlation_s:
+            return 0.0
+        step, fresh = np.zeros((3, 3)), np.zeros((3, 3))
+        step[:2], step[2, 2] = np.reshape(self._thermal, (2, 3)), torque.kept
+        fresh[2, 2] = (torque.sigma * self._speed * KW_PER_NM_RPM) ** 2 * (1.0 - torque.kept**2)
+        # the variance that a step keeps: P = A P A' + Q
+        kept = np.linalg.solve(np.eye(9) - np.kron(step, step), fresh.ravel()).reshape(3, 3)
+        return sqrt(float(kept[1, 1]))
+
     def _heat(self, power_kw: float) -> None:
         aa, ab, ap, ba, bb, bp = self._thermal
         copper, tool = self._copper, self._tool
@@ -159,7 +171,7 @@ class GainEstimate:
     """
 
     WASHOUT_S = 40.0
-    #: the rest is no white noise; so many samples count as one
+    #: the rest is no white noise; so many samples count as one at least
     CORRELATED = 10.0
 
     def __init__(self, dead_times_s: tuple[float, ...], least: float, noise: float, forget_s: float) -> None:
@@ -172,6 +184,13 @@ class GainEstimate:
         self._yy, self._weight = 0.0, 0.0
         self._last: tuple[float, float] | None = None
         self._x = self._y = 0.0
+        self._correlated = self.CORRELATED
+        self._cause_noise = 0.0
+
+    def noisy(self, correlated: float, cause_noise: float) -> None:
+        """Noise is coloured: so many samples count as one, and the response has a standard deviation of noise, too."""
+        self._correlated = max(self.CORRELATED, correlated)
+        self._cause_noise = cause_noise
 
     def step(self, response: float, measured: float) -> None:
         """Take the model's response without dead time, and what was measured."""
@@ -193,13 +212,16 @@ class GainEstimate:
 
     def estimate(self) -> Gain:
         """The gain now."""
-        if self._weight < 100.0 or float(self._xx[0]) / self._weight < self._least**2:
+        spoilt = self._cause_noise**2
+        if self._weight < 100.0 or float(self._xx[0]) / self._weight - spoilt < self._least**2:
             return Gain(1.0, float("inf"), float(self._dead_times_s[0]), 0.0, False)
         xx = np.maximum(self._xx, 1e-12)
-        floor = self._noise**2 * self._weight
+        floor = (self._noise**2 + spoilt) * self._weight
         rest: FloatArray = np.maximum(self._yy - self._xy**2 / xx, 0.0) + floor
         best = int(np.argmin(rest))
         sigma2 = float(rest[best]) / self._weight
-        error = sqrt(sigma2 * self.CORRELATED / float(xx[best]))
+        gain = float(self._xy[best] / xx[best])
+        error = sqrt(sigma2 * self._correlated / float(xx[best]))
+        error += abs(gain) * spoilt * self._weight / float(xx[best])  # noise of the response lessens the gain
         worse = float(rest[0] / rest[best]) - 1.0
-        return Gain(float(self._xy[best] / xx[best]), error, float(self._dead_times_s[best]), worse, True)
+        return Gain(gain, error, float(self._dead_times_s[best]), worse, True)

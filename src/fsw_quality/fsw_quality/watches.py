@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import exp, inf, isfinite, nan
+from collections.abc import Mapping
+from math import exp, inf, isfinite, nan, sqrt
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from fsw_quality.monitor_statistics import (
     oscillation,
     robust_slope,
 )
+from fsw_quality.noise import WHITE, Noise
 from fsw_quality.residuals import DEPTH_NOISE_MM, JUMP, Gain, GainEstimate, Residuals
 
 #: all chosen: length of the windows, and of the time from which a weld's own normal values are learnt
@@ -34,6 +36,8 @@ _DEAD_TIME_S = 0.4
 _VISIBLE = 3.0
 #: after a step of the set-point a loop has settled (chosen)
 _SETTLED_S = 60.0
+#: correlation of what a noise of the torque seems to heat, behind a lag of 30 s and a washout of 40 s [s]
+_HEATED_S = 17.0
 #: noise within this ratio of what was learnt is usual (chosen, below the limits)
 _USUAL = 1.6
 
@@ -138,6 +142,7 @@ class LoopWatch:
         self.name = name
         self._delay = max(1, round(dead_time_s / (self.EVERY * TICK_S)) + 1)
         self._window, self._sum, self._n = Window(self.SIZE), 0.0, 0
+        self._noise, self._brought = WHITE, 0.0
         self.period_s = nan
 
     def push(self, error: float) -> None:
@@ -149,17 +154,23 @@ class LoopWatch:
             self._window.append(self._sum / self._n)
             self._sum, self._n = 0.0, 0
 
+    def noisy(self, noise: Noise, brought: float) -> None:
+        """Noise of the value is this if it is coloured; ``brought`` is what another's brings (standard deviation)."""
+        self._noise, self._brought = noise, brought
+
     def figures(self, calm_s: float, noise: float) -> dict[str, float]:
-        """Figures, once the whole window is of a loop that has settled; ``noise`` is the sensor's."""
+        """Figures, once the whole window is of a loop that has settled; ``noise`` is the sensor's, if it is white."""
         step_s = self.EVERY * TICK_S
         if not self._window.full or calm_s < self.SIZE * step_s + _SETTLED_S:
             return {}
         errors = self._window.values()
         swing = oscillation(errors, step_s)
         self.period_s = swing.period_s
-        found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * noise else 0.0}
+        sigma = self._noise.sigma or noise
+        found = {f"oscillation_{self.name}": swing.regularity if swing.amplitude > _VISIBLE * sigma else 0.0}
         # a loop whose error is the sensor's noise cannot be better
-        at_best = float(errors.var()) < 4.0 * noise**2 / self.EVERY
+        least = sigma**2 * self._noise.share_of_mean(self.EVERY) + self._brought**2
+        at_best = float(errors.var()) < 4.0 * least
         found[f"poor_control_{self.name}"] = 0.0 if at_best else 1.0 - harris_index(errors, self._delay)
         return found
 
@@ -173,7 +184,7 @@ class InnovationWatch:
         self.name, self._window = name, Window(30 * _SECOND)
         self._mean = self._last = nan
         self._normal = inf
-        self._learnt: list[float] = []
+        self._learnt: list[tuple[float, float]] = []
 
     def push(self, residual: float) -> None:
         """Take a residual."""
@@ -186,21 +197,29 @@ class InnovationWatch:
         self._window.append(residual - self._mean)
         self._mean += self._FOLLOW * (residual - self._mean)
 
-    def figures(self, time_s: float, calm_s: float) -> dict[str, float]:
-        """Figures at a second; after a step of a set-point the error of a gain has a colour, which its figure tells."""
+    def figures(self, time_s: float, calm_s: float, noise: Noise) -> dict[str, float]:
+        """Figures at a second; after a step of a set-point the error of a gain has a colour, which its figure tells.
+
+        The colour that the noise has from the begin of the weld on is taken out: of each value, the share that is kept
+        of the one before.
+        """
         if not self._window.full:
             return {}
         values = self._window.values()
-        variance = float(values.var())
         if time_s <= LEARN_S:
-            self._learnt.append(variance)
+            centred = values - values.mean()
+            self._learnt.append((float(values.var()), float(centred[1:] @ centred[:-1]) / values.size))
             return {}
         if not self._learnt:
             return {}
-        normal = self._normal = float(np.median(self._learnt))
+        powers, products = np.array(self._learnt).T
+        self._normal = float(np.median(powers))
+        normal = float(np.median((1.0 + noise.kept**2) * powers - 2.0 * noise.kept * products))
         if normal <= 0.0:
             return {}
-        found = {f"innovation_size_{self.name}": variance / normal}
+        if noise.kept:
+            values = values[1:] - noise.kept * values[:-1]
+        found = {f"innovation_size_{self.name}": float(values.var()) / normal}
         if calm_s > _SETTLED_S:
             found[f"innovation_colour_{self.name}"] = ljung_box(values)
         return found
@@ -212,6 +231,7 @@ class ModelWatch:
     _NAMES = ("torque", "model_torque", "heat", "pressed", "sunk")
 
     def __init__(self, dead_time_s: float) -> None:
+        self._unsure = dict.fromkeys(("torque", "heat", "depth"), 0.0)
         self._seconds = {name: Window(round(LEARN_S)) for name in self._NAMES}
         self._ticks = {name: Window(_SECOND) for name in self._NAMES}
         offsets = (0.0, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 3.0)
@@ -260,13 +280,30 @@ class ModelWatch:
         }
         self.levels = {name: value - self._normal[name] for name, value in now.items()}
 
+    def noisy(self, noises: Mapping[str, Noise], heated: float) -> None:
+        """Noise of the residuals is this, and that of the torque seems to heat: by coloured noise all is less sure."""
+        torque, depth, heat = noises["torque"], noises["depth"], noises["heat"]
+        slope = sum(1.0 / (n - _SPAN_S) ** 2 for n in (_SLOPE_S, LEARN_S))  # of the means of its first and last span
+        self._unsure = {
+            "torque": sqrt(torque.variance_of_mean(_TORQUE_S) + torque.variance_of_mean(LEARN_S)),
+            "heat": sqrt(heat.variance_of_mean(_LEVEL_S) + heat.variance_of_mean(LEARN_S) + 2.0 * heated**2),
+            "depth": sqrt(2.0 * depth.variance_of_mean(_SPAN_S) * slope),
+        }
+        self.depth.noisy(depth.as_one, 0.0)
+        # what the noise seems to heat is as slow as the washout lets through
+        self.heat.noisy(2.0 * _HEATED_S / TICK_S if heated else heat.as_one, heated)
+
     def estimate(self) -> None:
         """Estimate the gains."""
         self.gains = {"heat": self.heat.estimate(), "depth": self.depth.estimate()}
 
     def figures(self) -> dict[str, float]:
         """Figures at a second."""
-        found = {f"drift_{name}": abs(value) for name, value in self.levels.items() if isfinite(value)}
+        found = {
+            f"drift_{name}": max(abs(value) - 2.0 * self._unsure[name], 0.0)
+            for name, value in self.levels.items()
+            if isfinite(value)
+        }
         if "drift_depth" in found:
             found["drift_depth"] *= 60e3  # um/min
         if isfinite(self.torque_ratio):

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fsw_control.contract import SENSORS
 from fsw_quality.diagnosis import RESIDUALS, diagnose, load_limits
 from fsw_quality.monitor import PROCESSES, Monitor, Sample
 from fsw_test_support.watched_weld import drifting, samples
@@ -81,6 +82,39 @@ def test_without_excitation_no_gain_is_told() -> None:
     for one in STILL:
         monitor.step(one)
         assert not {"heat", "depth"} & monitor.gains.keys() and "dead_time" not in monitor.figures
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("correlation_s", [1.0, 5.0])
+def test_noise_that_is_correlated_is_no_fault_and_its_time_is_known(process: str, correlation_s: float) -> None:
+    weld = samples(correlation_s=correlation_s)
+    assert told(weld, process).keys() <= {"poor_control_depth", "poor_control_temperature"}
+    monitor = Monitor(process)
+    for one in weld:
+        monitor.step(one)
+    assert monitor.correlations_s.keys() == set(SENSORS)
+    assert correlation_s / 3.0 < monitor.correlations_s["depth"] < 3.0 * correlation_s
+
+
+def test_white_noise_is_not_taken_for_correlated() -> None:
+    for weld in (GOOD, STILL):
+        monitor = Monitor()
+        for one in weld:
+            monitor.step(one)
+        assert not monitor.correlations_s
+
+
+@pytest.mark.parametrize(
+    ("name", "per_s", "kinds"),
+    [
+        ("torque_nm", 20.0 / 60.0, {"torque_sensor", "tool"}),
+        ("depth_mm", 0.1 / 60.0, {"depth_or_force_sensor", "sinking"}),
+        ("temperature_c", 6.0 / 60.0, {"thermocouple", "heat"}),
+    ],
+)
+def test_a_drift_shows_in_noise_that_is_correlated_too(name: str, per_s: float, kinds: set[str]) -> None:
+    found = told(drifting(samples(correlation_s=5.0), name, per_s))
+    assert kinds & {kind for kind, at_s in found.items() if 120.0 < at_s < 240.0}
 
 
 def later(weld: list[Sample], **changes: object) -> list[Sample]:

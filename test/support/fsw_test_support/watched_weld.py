@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import exp, sqrt
 
 import numpy as np
 
@@ -21,17 +22,28 @@ def inputs(seconds: float, excited: bool) -> tuple[np.ndarray, np.ndarray]:
     return FORCE_KN + push, SPEED_RPM + turn
 
 
-def samples(seconds: float = 300.0, excited: bool = True, **factors: float) -> list[Sample]:
-    """A weld whose model has its parameters multiplied by ``factors``."""
+def noise(random: np.random.Generator, n: int, correlation_s: float = 0.0) -> np.ndarray:
+    """Noise of standard deviation 1, white or correlated over a time."""
+    fresh = random.standard_normal(n)
+    if not correlation_s:
+        return fresh
+    kept, found = exp(-0.1 / correlation_s), [float(fresh[0])]
+    for one in fresh[1:].tolist():
+        found.append(kept * found[-1] + sqrt(1.0 - kept**2) * one)
+    return np.array(found)
+
+
+def samples(seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float) -> list[Sample]:
+    """A weld whose model has its parameters multiplied by ``factors``; its noise may be correlated."""
     force, speed = inputs(seconds, excited)
     shown = ProcessModel(ModelParameters().scaled(**factors)).simulate(force.tolist(), speed.tolist())
     random = np.random.default_rng(1)
     n = force.size
     # row k of the simulation is at the begin of step k, before its inputs act
     acting, turning = np.append([FORCE_KN], force[:-1]), np.append([SPEED_RPM], speed[:-1])
-    depth = shown["depth_mm"] + 0.002 * random.standard_normal(n)
-    torque = shown["motor_torque_nm"] + 2.0 * random.standard_normal(n)
-    temperature = shown["temperature_c"] + 0.1 * random.standard_normal(n)
+    depth = shown["depth_mm"] + 0.002 * noise(random, n, correlation_s)
+    torque = shown["motor_torque_nm"] + 2.0 * noise(random, n, correlation_s)
+    temperature = shown["temperature_c"] + 0.1 * noise(random, n, correlation_s)
     columns = (depth, torque, temperature, acting, turning, acting, turning)
     rows = zip(*(one.tolist() for one in columns), strict=True)
     return [Sample(*(0.1 * (k + 1), *row, 2.66, 816.4, "decentral")) for k, row in enumerate(rows)]
