@@ -1,5 +1,6 @@
 """The file of named users, and the check of their passwords."""
 
+import errno
 import json
 
 import pytest
@@ -138,7 +139,7 @@ def test_unknown_name_takes_as_long_as_a_known_one(monkeypatch):
 
 def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
     before = file.read_bytes()
-    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "disk full")))
     with pytest.raises(OSError, match="disk full"):
         users.write(file, [])
     assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (before, ["users.yaml"])
