@@ -62,7 +62,8 @@ def monitor(arguments: argparse.Namespace) -> int:
 
 
 def _print(watched: Watched, process: str) -> None:
-    print(f"{'alarms' if watched.alarms else 'no alarm'}, limits of process {process}")
+    alarms, seconds = "alarms" if watched.alarms else "no alarm", len(watched.time_s)
+    print(f"{alarms} in the {seconds} s with all that is watched, limits of process {process}")
     if watched.alarms:
         found = [(one, one.finding) for one in watched.alarms]
         rows = [(f"{a.begin_s:.0f}", f"{a.end_s:.0f}", f.cause, f"{f.confidence:.0%}", f.advice) for a, f in found]

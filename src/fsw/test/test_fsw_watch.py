@@ -16,7 +16,7 @@ BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_track
 def test_monitor_tells_of_a_bag_and_writes_figure_and_json(tmp_path, capsys):
     figure, figures = tmp_path / "figure.png", tmp_path / "told.json"
     assert main(["monitor", str(BAG), "--figure", str(figure), "--json", str(figures)]) == 0
-    assert "no alarm, limits of process paper" in capsys.readouterr().out
+    assert "no alarm in the 240 s with all that is watched, limits of process paper" in capsys.readouterr().out
     assert figure.read_bytes().startswith(b"\x89PNG")
     told = json.loads(figures.read_text())
     assert told["alarms"] == [] and told["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
