@@ -29,7 +29,7 @@ from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import shipped as procedures
 from fsw_quality.procedure_limits import graph_parameters
-from fsw_scenario.controllers import name_of, program, variant_of
+from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
 from fsw_scenario.scenario import Scenario
@@ -109,7 +109,7 @@ def weld(context: LaunchContext) -> list[Any]:
     arguments = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
     labels = [label.strip() for label in arguments["controllers"].split(",") if label.strip()]
     try:
-        variants = {name_of(label): variant_of(label) for label in labels}
+        variants = variants_of(labels)
     except InputError as error:
         raise RuntimeError(f"controllers: {error}") from None
     controllers = list(variants)

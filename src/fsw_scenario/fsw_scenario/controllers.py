@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module, metadata
 from importlib.util import find_spec
@@ -157,6 +157,22 @@ def variant_of(label: str) -> dict[str, str]:
     if not isinstance(parameter, str):
         raise InputError(f"controller {label}: it has no variants")
     return {parameter: variant}
+
+
+def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
+    """What :func:`variant_of` says of each controller of a graph, by its name.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        As :func:`variant_of`, and when a controller is named twice: it is one node.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for label in labels:
+        if (name := name_of(label)) in found:
+            raise InputError(f"controller {name} is named twice; it is one node, with one tuning")
+        found[name] = variant_of(label)
+    return found
 
 
 def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:

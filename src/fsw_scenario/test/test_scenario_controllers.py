@@ -7,7 +7,7 @@ import pytest
 
 from fsw_scenario import controller_node, controllers, scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import kind_of, make, name_of, program, short
+from fsw_scenario.controllers import kind_of, make, name_of, program, short, variants_of
 from fsw_schema.models import InputError
 from fsw_test_support.own_controller import OWN, own
 
@@ -66,6 +66,12 @@ def test_a_name_stands_for_one_class(tmp_path):
     (tmp_path / "other.py").write_text("class Other:\n    name = 'nmpc'\n")
     with pytest.raises(InputError, match="give it another one"):
         name_of(f"{tmp_path}/other.py:Other")
+
+
+def test_a_controller_of_a_graph_is_named_once():
+    assert variants_of(["decentral:tight", "nmpc"]) == {"decentral": {"tuning": "tight"}, "nmpc": {}}
+    with pytest.raises(InputError, match="decentral is named twice"):
+        variants_of(["decentral:tight", "nmpc", "decentral:smith"])
 
 
 def test_a_class_that_is_no_controller_is_told(tmp_path):
