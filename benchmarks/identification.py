@@ -36,7 +36,7 @@ from fsw_campaign.definition import load
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
 from fsw_identification.problem import measured
-from fsw_identification.simulation import OUTPUTS, respond
+from fsw_identification.simulation import DEPTH, OUTPUTS, respond
 from fsw_identification.summary import disturbances
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
@@ -265,7 +265,7 @@ def foreign(index):
 
 def over_the_papers(judged, fit, settled):
     """Errors of predictions by an identified model over those of the paper's model."""
-    own = prediction_errors(judged, fit.parameters, settled, fit.lag_s[0] if fit.lag_s else 0.0)
+    own = prediction_errors(judged, fit.shown, settled, fit.lag_s[0] if fit.lag_s else 0.0)
     papers = prediction_errors(judged, nominal(), settled)
     return {key: own[key] / papers[key] for key in own}
 
@@ -329,7 +329,9 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
         for ticks in (1, 300):
             wrong = []
             for segment in segments:
-                response = respond(output, model, segment, measured(segment, model, lag_s))
+                # the temperature is that which is shown; the depth follows the tool's
+                ahead_s = lag_s if output == DEPTH else 0.0
+                response = respond(output, model, segment, measured(segment, model), ahead_s)
                 left = (segment.measured[:, output] - response.factor * response.course)[settled:]
                 wrong.append(left[ticks:] - left[:-ticks])
             wrong = np.concatenate(wrong)

@@ -260,8 +260,8 @@ class Identified(Summary):
 
     @property
     def parameters(self) -> ModelParameters:
-        """The estimate; parameters that cannot be estimated are as at the start."""
-        return self.fit.parameters
+        """The estimate, as the sensors show the process to a controller; what cannot be estimated is as at the start."""
+        return self.fit.shown
 
     @property
     def std(self) -> dict[str, float]:
@@ -329,7 +329,9 @@ def identify(
         first, deviations = from_air(_weld(air).signals, first, lag_s)
     segments = [segment for weld in data for segment in weld.segments]
     found = estimation.identify(segments, first, progress, steady)
-    validation = None if checked is None else estimation.validate(checked.segments, found.parameters)
+    validation = None
+    if checked is not None:
+        validation = estimation.validate(checked.segments, found.parameters, found.lag_s[0] if found.lag_s else 0.0)
     notes = tuple(note for weld in data for note in weld.notes)
     return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 

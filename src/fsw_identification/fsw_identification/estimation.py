@@ -17,7 +17,7 @@ from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, f
 from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
 from fsw_identification.noise import correlation_s
 from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
-from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, softened
+from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, as_shown
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
@@ -56,8 +56,8 @@ _STARTS: tuple[dict[str, float], ...] = (
 )
 
 Progress = Callable[[], None]
-#: whether the noise is coloured, and the thermocouple lags
-Sensors = tuple[bool, bool]
+#: whether the noise is coloured, and by how much the thermocouple lags [s]
+Sensors = tuple[bool, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,7 @@ class Fit:
     share: tuple[float, float]
     #: of the thermocouple behind the tool, and its standard deviation; None where the data do not tell of any
     lag_s: tuple[float, float] | None
+    lag_correlation: FloatArray  #: (n,): of its estimate with those of the parameters
     heat_and_offset: float  #: correlation of slow heat and offset of the temperature
     notes: list[str]  #: what was left out, one line each
 
@@ -94,6 +95,11 @@ class Fit:
         """Standard deviations of the estimated parameters, in their units."""
         relative = np.sqrt(np.diag(self.covariance))
         return {name: float(getattr(self.parameters, name) * r) for name, r in zip(self.free, relative, strict=True)}
+
+    @property
+    def shown(self) -> ModelParameters:
+        """The parameters as a controller sees the process: what the thermocouple shows, with its lag."""
+        return self.parameters if self.lag_s is None else as_shown(self.parameters, self.lag_s[0])
 
     @property
     def correlation(self) -> FloatArray:
@@ -152,7 +158,7 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
     best = _best_start(start, segments, free, first.noise, count, steady)
     for _ in range(0 if steady else _LOOKS):
         sensors = _sensors(best)
-        if sensors == (best.coloured, best.lagged):
+        if sensors == (best.coloured, best.lag_s):
             break
         best = min(best, _best_start(start, segments, free, first.noise, count, False, sensors), key=evidence)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
@@ -168,9 +174,11 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
 
 def _sensors(problem: Problem) -> Sensors:
     """What the data tell of the sensors at a solution."""
-    lag_s, deviation_s = likely_lag(problem)
     coloured = problem.coloured or bool(likely_colour(problem).max() > _COLOURED)
-    return coloured, problem.lagged or lag_s > _LAGS * deviation_s
+    if problem.lagged:
+        return coloured, problem.lag_s
+    lag_s, deviation_s = likely_lag(problem)
+    return coloured, lag_s if lag_s > _LAGS * deviation_s else 0.0
 
 
 def _best_start(
@@ -180,7 +188,7 @@ def _best_start(
     noise: FloatArray,
     count: Progress,
     steady: bool,
-    sensors: Sensors = (False, False),
+    sensors: Sensors = (False, 0.0),
 ) -> Problem:
     """The solution with the largest evidence from several starts, as many as needed."""
     best: Problem | None = None
@@ -244,10 +252,13 @@ def _solve(
     # without the weakly identifiable parameters first: the valley that they open is long and curved
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.set_shifts(shifts, sizes)
-    problem.coloured, problem.lagged = sensors
+    problem.coloured, problem.lag_s = sensors
+    problem.lagged = problem.lag_s > 0.0
     problem.solve(count)
     problem.free = free
     problem.solve(count)
+    if problem.coloured and problem.left.max() < _COLOURED:  # a lag or a shift had made the residuals look so
+        problem.coloured, problem.left = False, np.zeros(len(OUTPUTS))
     for problem.fixed_walk in (True, False):
         if not problem.fixed_walk:
             problem.solve(count)
@@ -257,13 +268,13 @@ def _solve(
     return problem
 
 
-def validate(segments: Sequence[Segment], parameters: ModelParameters) -> Fit:
+def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: float = 0.0) -> Fit:
     """How well a model predicts welds: only initial states and constant disturbances are estimated.
 
-    Parameters and return value as of :func:`identify`.
+    Parameters and return value as of :func:`identify`; ``lag_s`` is that of the thermocouple.
     """
     problem = Problem(segments, parameters, ())
-    problem.walk = WALK[0]
+    problem.walk, problem.lag_s = WALK[0], lag_s
     problem.solve(lambda: None)
     return _fit(problem, {}, [])
 
@@ -350,10 +361,9 @@ def _by_doubt(problem: Problem) -> FloatArray:
     n = free + len(problem.shifts) + 2
     found = np.zeros((n, n))
     for depth, temperature in zip(parts[DEPTH::3], parts[TEMPERATURE::3], strict=True):
-        known = problem.known[depth.segment]
-        if not known.doubtful_c.any():
+        if not problem.known[depth.segment].doubtful_c.any():
             continue
-        by_rise = (problem.share - 1.0) * p.softening_per_c * known.depth_mm / softened(p, known)
+        by_rise = (problem.share - 1.0) * problem.by_rise(depth.segment, p)
         at_knots = -problem.eliminated(temperature, problem.walk).values[:, :, 1 : 1 + free]
         courses = [added(temperature.response, temperature.walk, at_knots[:, :, i]) for i in range(free)]
         depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
@@ -399,7 +409,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         offset_std=offset_std,
         shifts=list(sizes),
         share=(problem.share, float(std[-2])),
-        lag_s=(problem.lag_s, float(std[-1])) if problem.lag_s > _LAGS * std[-1] else None,
+        lag_s=(problem.lag_s, float(std[-1])) if problem.lagged else None,
+        lag_correlation=covariance[:n, -1] / std[:n] / std[-1],
         heat_and_offset=_heat_and_offset(problem),
         notes=notes,
     )

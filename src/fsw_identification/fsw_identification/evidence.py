@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: of an output: the walks of its input and of itself
 WALKS_OF = ((0, 2), (1, 3), (4,))
+#: prior standard deviations of the states at the first knot, by output; of the temperature, the third is the thermocouple's
+STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
 #: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
 #: smallest, at the start, largest
 WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
@@ -67,7 +69,10 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
 
 def evidence(problem: Problem) -> float:
     """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
-    found = problem.evidence_of(*problem.eliminate(problem.linearised(problem.parameters, True), True))
+    parts = problem.linearised(problem.parameters, True)
+    found = problem.evidence_of(*problem.eliminate(parts, True))
+    # a thermocouple that lags is another state
+    found += sum(2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts)
     return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
 
 
@@ -90,9 +95,10 @@ def likely_colour(problem: Problem) -> FloatArray:
 
 
 def likely_lag(problem: Problem) -> tuple[float, float]:
-    """Lag of the thermocouple that the depth tells at a solution, which stays as it is, and its standard deviation."""
+    """Lag of the thermocouple that the depth tells at a solution without one, which stays as it is, and its standard
+    deviation."""
     before, problem.lagged = problem.lagged, True
     border, _ = problem.eliminate(problem.linearised(problem.parameters, True), True)
     problem.lagged = before
     covariance = np.linalg.inv(border[1:, 1:])
-    return problem.lag_s + float(covariance[-1] @ border[1:, 0]), float(np.sqrt(covariance[-1, -1]))
+    return float(covariance[-1] @ border[1:, 0]), float(np.sqrt(covariance[-1, -1]))

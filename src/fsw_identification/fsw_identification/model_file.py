@@ -5,6 +5,7 @@ from __future__ import annotations
 from fsw_identification.estimation import Fit
 from fsw_identification.noise import WHITE_S
 from fsw_identification.simulation import OUTPUTS
+from fsw_identification.statistics import CORRELATED
 from fsw_model import ModelParameters
 
 #: a mean disturbance that is larger than this many standard deviations goes into the point of linearisation
@@ -36,20 +37,29 @@ def of_sensors(fit: Fit) -> list[str]:
     if fit.lag_s is not None:
         lag_s, deviation_s = fit.lag_s
         lines.append(
-            f"the thermocouple lags the tool by {lag_s:.3g} s (std {deviation_s:.1g}), as the depth tells; the "
-            "coefficients of the temperature are those of what the thermocouple shows"
+            f"the thermocouple lags the tool by {lag_s:.3g} s (std {deviation_s:.1g}), as the depth tells; for what it "
+            f"shows, in the model file, tool_lag_s is {fit.shown.tool_lag_s:.3g} s and dead_time_s "
+            f"{fit.shown.dead_time_s:.3g} s"
         )
+        lines += [
+            f"lag of the thermocouple and {name}: correlation {correlation:+.2f}"
+            for name, correlation in zip(fit.free, fit.lag_correlation, strict=True)
+            if abs(correlation) > CORRELATED
+        ]
     return lines
 
 
 def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     """YAML that :meth:`fsw_model.ModelParameters.from_yaml` reads; ``sources`` says where the data are from."""
-    nominal, known = dict(ModelParameters()), estimates(fit, air)
+    nominal, known, shown = dict(ModelParameters()), estimates(fit, air), fit.shown
     lines = [f"# Model parameters identified from {sources}; standard deviations behind +-."]
     for name, (value, std) in known.items():
+        of_tool = ""
+        if (as_seen := getattr(shown, name)) != getattr(fit.parameters, name):
+            of_tool, value = f"as the thermocouple shows it; of the tool {value:.6g} ", as_seen
         # YAML 1.1 takes 1.5e+06 for a number only with a point
-        lines.append(f"{name}: {float(f'{value:.6g}')!r}  # +- {std:.2g}; nominal {nominal[name]:g}")
-    for name, value in dict(fit.parameters).items():
+        lines.append(f"{name}: {float(f'{value:.6g}')!r}  # {of_tool}+- {std:.2g}; nominal {nominal[name]:g}")
+    for name, value in dict(shown).items():
         if name not in known and value != nominal[name]:
             lines.append(f"{name}: {value!r}  # as given; nominal {nominal[name]:g}")
     lines += [f"# {line}" for line in of_sensors(fit)]

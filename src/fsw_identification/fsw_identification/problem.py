@@ -15,7 +15,7 @@ import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
-from fsw_identification.evidence import WALK, WALKS_OF, likely_walk, take_likely_colour
+from fsw_identification.evidence import STATE_PRIOR, WALK, WALKS_OF, likely_walk, take_likely_colour
 from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import (
     DEPENDS,
@@ -31,6 +31,7 @@ from fsw_identification.simulation import (
     driven,
     heated,
     respond,
+    rising,
     shown,
     softened,
     walks,
@@ -41,8 +42,7 @@ from fsw_model.equations import power_kw
 
 #: prior standard deviation of the logarithm of a parameter: practically none
 _PRIOR_LOG = 2.0
-#: prior standard deviations at the first knot, by output: of the states, and of the disturbances
-_STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0]), np.zeros(0))
+#: prior standard deviations of the disturbances at the first knot
 _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
@@ -60,9 +60,8 @@ HEAT = 3
 #: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
 #: is one of the sensor: mean and standard deviation before the depth tells
 SHARE, _SHARE_DEVIATION = 0.5, 0.5
-#: prior standard deviation of the thermocouple's lag, by whether it is estimated, and the largest [s]
-_LAG_PRIOR_S, _LARGEST_LAG_S = (1e-6, 5.0), 10.0
-_LAG_SETTLED_S = 0.01
+#: prior standard deviation of the thermocouple's lag, by whether it is estimated; the smallest and the largest [s]
+_LAG_PRIOR_S, _LAG_LIMITS_S = (1e-6, 5.0), (0.05, 10.0)
 _LARGEST_MOVE = 0.3
 _WALK_SETTLED = 0.3
 #: a relative change of the noise's correlation that matters
@@ -132,7 +131,7 @@ class Problem:
         self.reject = False  #: whether outliers are left out, instead of counting less (Huber)
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)  #: of the shifts
-        self.lag_s = 0.0  #: of the thermocouple behind the tool, which softens the copper
+        self.lag_s = 0.0  #: of the thermocouple behind the tool, which softens the copper; 0: there is none
         self.lagged = False  #: whether ``lag_s`` is estimated
         self.share = SHARE  #: of the tool in slow disturbances of the temperature
         self.segments = list(segments)
@@ -160,13 +159,12 @@ class Problem:
         return found
 
     def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
-        """(n, shifts + 2): what a unit of each shift, of the share and of the lag adds to an output of a segment; if
-        not ``real``, only shows."""
+        """(n, shifts + 1): what a unit of each shift and of the share adds to an output of a segment; if not ``real``,
+        only shows."""
         segment, known = self.segments[i], self.known[i]
-        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 2))
+        slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
         if real and output == DEPTH:
-            warmer = np.column_stack([known.doubtful_c, known.rate_c_per_s])
-            slopes[:, -2:] = (p.softening_per_c * known.depth_mm / softened(p, known))[:, None] * warmer
+            slopes[:, -1] = self.by_rise(i, p) * known.doubtful_c
         for column, shift in enumerate(self.shifts):
             if shift.segment != i:
                 continue
@@ -175,34 +173,46 @@ class Problem:
                 slopes[:, column] = step
             elif real and shift.output >= TORQUE and output == TEMPERATURE:  # a shift of the torque heats
                 power = np.asarray(power_kw(*cast("Any", (step, segment.speed_rpm))))
-                slopes[:, column] = heated(p, power, power)
+                slopes[:, column] = heated(p, power, power, self.lag_s)
         return slopes
 
-    def _slopes(self, i: int, output: int, at_knots: FloatArray) -> FloatArray:
-        """(n, free): of an output by the logarithms of the parameters, at values at the knots."""
+    def by_rise(self, i: int, p: ModelParameters) -> FloatArray:
+        """(n,): depth by the tool's temperature [mm/°C]."""
+        return p.softening_per_c * self.known[i].depth_mm / softened(p, self.known[i], self.lag_s)
+
+    def _slopes(self, i: int, output: int, at_knots: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, free) and (n,): of an output by the logarithms of the parameters, and by the lag, at values at the
+        knots."""
         segment, known, p = self.segments[i], self.known[i], self.parameters
 
-        def at(parameters: ModelParameters) -> FloatArray:
-            response = respond(output, parameters, segment, known)
+        def at(parameters: ModelParameters, lag_s: float) -> FloatArray:
+            response = respond(output, parameters, segment, known, lag_s)
             walk = walks(response)
             return shown(response, walk, driven(walk, at_knots))
 
-        slopes, here = np.zeros((segment.n_ticks, len(self.free))), at(p)
+        slopes, here = np.zeros((segment.n_ticks, len(self.free))), at(p, self.lag_s)
+        by_lag = np.zeros(segment.n_ticks)
         for column, name in enumerate(self.free):
             if name in DEPENDS[output]:
-                slopes[:, column] = (at(p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})) - here) / _SLOPE
-        return slopes
+                changed = p.changed(**{name: getattr(p, name) * (1.0 + _SLOPE)})
+                slopes[:, column] = (at(changed, self.lag_s) - here) / _SLOPE
+        if output == DEPTH:
+            by_lag = self.by_rise(i, p) * known.rate_c_per_s
+        elif output == TEMPERATURE and self.lag_s > 0.0:
+            by_lag = (at(p, self.lag_s * (1.0 + _SLOPE)) - here) / (self.lag_s * _SLOPE)
+        return slopes, by_lag
 
     def linearised(self, p: ModelParameters, slopes: bool) -> list[Part]:
-        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters."""
+        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters and lag."""
         parts: list[Part] = []
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
-                response = respond(output, p, segment, self.known[i])
+                response = respond(output, p, segment, self.known[i], self.lag_s)
                 walk, at_knots = walks(response), self._parts[len(parts)].at_knots if slopes else np.zeros(0)
                 columns = [np.nan_to_num(segment.measured[:, output])[:, None], self._shift_slopes(i, output, p)]
                 if slopes:
-                    columns.insert(1, self._slopes(i, output, at_knots))
+                    by_free, by_lag = self._slopes(i, output, at_knots)
+                    columns = [columns[0], by_free, columns[1], by_lag[:, None]]
                 columns[0] = columns[0] - (response.factor * response.course)[:, None]
                 part = Part(i, output, response, walk, np.hstack(columns), at_knots)
                 self.compress(part)
@@ -225,7 +235,8 @@ class Problem:
         walk, found = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
         of_free = [_PRIOR_LOG**-2.0] * (len(self.free) if slopes else 0)
-        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0, self.lag_deviation_s**-2.0])
+        of_lag = [self.lag_deviation_s**-2.0] * slopes
+        border = np.diag([0.0, *of_free, *of_shifts, _SHARE_DEVIATION**-2.0, *of_lag])
         for part in parts:
             found.append(self.eliminated(part, walk))
             border += found[-1].border
@@ -233,7 +244,7 @@ class Problem:
 
     def eliminated(self, part: Part, walk: FloatArray) -> Eliminated:
         """A part without its knots, with these sizes of the walks."""
-        which, states = list(WALKS_OF[part.output]), _STATE_PRIOR[part.output]
+        which, states = list(WALKS_OF[part.output]), STATE_PRIOR[part.output][: part.response.gains.size]
         start = np.concatenate([states, _TREND * walk[1, which], _OFFSET_PRIOR[which]])
         steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
         return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
@@ -254,9 +265,7 @@ class Problem:
         The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
         """
         _, self._parts, sizes = self._profile(self.parameters)
-        self.sizes, self.share = sizes[:-2], SHARE + float(sizes[-2])
-        if self.lagged:
-            self.lag_s = min(max(self.lag_s + float(sizes[-1]), 0.0), _LARGEST_LAG_S)
+        self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
         self.predicted, self.residuals, self.whitened = [], [], []
         for i, segment in enumerate(self.segments):
             parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
@@ -271,9 +280,12 @@ class Problem:
             seen = np.where(np.isfinite(segment.measured), segment.measured, self.predicted[-1]) - of_sensor
             depth = self.predicted[-1] - of_sensor if not self.fixed_walk else _smooth(seen)
             doubtful = self.known[i].doubtful_c
-            rate = _rate((self.predicted[-1] - of_sensor)[:, TEMPERATURE])
-            rise = _smooth(seen)[:, TEMPERATURE] + self.lag_s * rate
-            rise -= (1.0 - SHARE) * doubtful + p.operating_temperature_c
+            rate = _rate(seen[:, TEMPERATURE])
+            if not self.fixed_walk:  # by the model, whose states are known only from where the temperature is used
+                told = rising(p, segment, self.known[i], self.lag_s, parts[TEMPERATURE].at_knots)
+                told += _rate((shifts - of_sensor)[:, TEMPERATURE])
+                rate = np.append(rate[: _SETTLING_TICKS[TEMPERATURE]], told[_SETTLING_TICKS[TEMPERATURE] :])
+            rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
             self.known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate)
 
     def _doubt(self) -> None:
@@ -320,11 +332,10 @@ class Problem:
             self._doubt()
         for iteration in range(iterations):
             progress()
-            earlier_s = self.lag_s
             self.settle()
             self.estimate_noise()
             before, self._parts, _ = self._profile(self.parameters)
-            parts, settled = self.linearised(self.parameters, True), abs(self.lag_s - earlier_s) < _LAG_SETTLED_S
+            parts, settled = self.linearised(self.parameters, True), True
             if self.coloured:
                 earlier = self.left.copy()
                 take_likely_colour(self, parts)
@@ -341,19 +352,22 @@ class Problem:
 
     def _descend(self, border: FloatArray, before: float, damping: float) -> tuple[float, float]:
         """Move so that the cost does not rise; the next damping, too large if no move does, and its size."""
-        n = len(self.free)
-        information = border[1:, 1:]
+        n, lag_s, information = len(self.free), self.lag_s, border[1:, 1:]
+        moving = [*range(n), *([len(information) - 1] if self.lagged else [])]
         while n and damping <= _MOST_DAMPED:
             extra = np.zeros(len(information))
-            extra[:n] = damping * np.diag(information)[:n]
-            by = np.asarray(np.linalg.solve(information + np.diag(extra), border[1:, 0])[:n], dtype=np.float64)
+            extra[moving] = damping * np.diag(information)[moving]
+            by = np.asarray(np.linalg.solve(information + np.diag(extra), border[1:, 0])[moving], dtype=np.float64)
             by *= min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
-            moved = _moved(self.parameters, self.free, by)
+            moved = _moved(self.parameters, self.free, by[:n])
+            if self.lagged:
+                self.lag_s = float(np.clip(lag_s + by[-1], *_LAG_LIMITS_S))
             after, parts, _ = self._profile(moved)
             if np.isfinite(after) and after <= before + 1e-6:
                 self.parameters, self._parts = moved, parts
-                return max(damping / 10.0, 1e-9), float(np.sqrt(by @ information[:n, :n] @ by))
+                return max(damping / 10.0, 1e-9), float(np.sqrt(by @ information[np.ix_(moving, moving)] @ by))
             damping = max(10.0 * damping, 1e-4)
+        self.lag_s = lag_s
         return damping, 0.0
 
 
@@ -387,16 +401,15 @@ def _settled(measured: FloatArray) -> FloatArray:
     return settled
 
 
-def measured(segment: Segment, p: ModelParameters, lag_s: float = 0.0) -> Knowledge:
-    """Depth and temperature as measured, smoothed; of a thermocouple with a lag, the temperature before it."""
+def measured(segment: Segment, p: ModelParameters) -> Knowledge:
+    """Depth and temperature as measured, smoothed."""
     shown = []
     for column, usual in zip(segment.measured.T, (p.operating_depth_mm, p.operating_temperature_c), strict=False):
         known = np.flatnonzero(np.isfinite(column))
         filled = np.interp(np.arange(column.size), known, column[known]) if known.size else np.full(column.size, usual)
         shown.append(_smooth(filled))
-    none, rate = np.zeros(segment.n_ticks), _rate(filled)
-    rise = _smooth(filled) + lag_s * rate - p.operating_temperature_c
-    return Knowledge(rise, shown[DEPTH], none, none, rate)
+    none = np.zeros(segment.n_ticks)
+    return Knowledge(shown[TEMPERATURE] - p.operating_temperature_c, shown[DEPTH], none, none, _rate(filled))
 
 
 def _rate(values: FloatArray) -> FloatArray:

@@ -2,8 +2,9 @@
 
 The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs and from the others as
 they were measured and smoothed: depth (17), (27) from force and temperature; torque (18)-(23) from force, speed and
-depth; temperature (16), (24) from the power of that torque. So each is a linear response, of lags in parallel, exact
-for an input that is linear within a step. The fast pole of (17) is left out: it is a hundred times faster than a step.
+depth; temperature (16), (24) from the power of that torque, as a thermocouple shows it that may lag. So each is a linear
+response, of lags in parallel, exact for an input that is linear within a step. The fast pole of (17) is left out: it is
+a hundred times faster than a step.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ OF_TORQUE = ("motor_lag_s", "sliding_friction", "sticking_stress_pa", "contact_s
 CANDIDATES: tuple[str, ...] = (*OF_TEMPERATURE, *OF_DEPTH, *OF_TORQUE)
 #: on which an output depends; on ``OF_TORQUE`` the temperature does by the power
 DEPENDS = (OF_DEPTH, (*OF_TEMPERATURE, *OF_TORQUE), OF_TORQUE)
+#: two lags of the temperature that are nearer to each other than this share are taken for so far apart
+_APART = 1e-3
 #: between two knots of a slow disturbance, which is linear in between
 KNOT_TICKS = 100
 
@@ -45,50 +48,88 @@ class Response(NamedTuple):
 class Knowledge(NamedTuple):
     """What one output takes of the others, (n,) each."""
 
-    rise_c: FloatArray  #: of the tool over the operating temperature
+    rise_c: FloatArray  #: over the operating temperature, as a thermocouple shows it
     depth_mm: FloatArray  #: of the tool
     torque_nm: FloatArray  #: that acts in addition to the model's
     #: slow disturbance of the temperature, of which only a share is known to be of the tool; that is in ``rise_c``
     doubtful_c: FloatArray
-    rate_c_per_s: FloatArray  #: at which the temperature is measured to rise
+    rate_c_per_s: FloatArray  #: at which that rises
 
 
-def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge) -> Response:
-    """Response of one of ``OUTPUTS``."""
+def respond(output: int, p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float = 0.0) -> Response:
+    """Response of one of ``OUTPUTS``; ``lag_s`` is that of the thermocouple behind the tool."""
     none, ones = np.zeros(0), np.ones(segment.n_ticks)
     if output == DEPTH:
         pushed, pole_s = segment.force_kn - p.operating_force_kn, p.depth_pole_slow_s
         gains = p.depth_gain_mm_per_kn_s * np.array([1.0, p.depth_zero_s - pole_s])
         creep, slow = _filtered(STEP_S * pushed, 1.0), _lagged(pushed, pushed, pole_s)
         course = p.operating_depth_mm + gains[0] * creep + gains[1] * slow
-        return Response(course, np.array([np.inf, pole_s]), gains, softened(p, known))
-    motor = _motor_nm(p, segment, known.depth_mm)
+        return Response(course, np.array([np.inf, pole_s]), gains, softened(p, known, lag_s))
     if output == TORQUE:
-        course = motor + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * segment.acceleration_rpm_per_s
+        course = _motor_nm(p, segment, known.depth_mm)
+        course += p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * segment.acceleration_rpm_per_s
         return Response(course, none, none, ones)
+    course = heated(p, *_power_kw(p, segment, known), lag_s)
+    return Response(p.operating_temperature_c + course, *_thermal_modes(p, lag_s), ones)
+
+
+def _power_kw(p: ModelParameters, segment: Segment, known: Knowledge) -> tuple[FloatArray, FloatArray]:
+    """Power (24) over the operating power at the begin and the end of each step."""
     speed: Any = segment.speed_rpm
-    friction = friction_torque_nm(p, speed)
-    ends: Any = [motor + known.torque_nm - friction, np.append(motor[1:], motor[-1]) + known.torque_nm - friction]
-    power: Any = [power_kw(torque, speed) - p.operating_power_kw for torque in ends]
-    lags_s, gains = np.array([p.copper_lag_s, p.tool_lag_s]), _thermal_gains(p)
-    return Response(p.operating_temperature_c + heated(p, *power), lags_s, gains, ones)
+    torque = _motor_nm(p, segment, known.depth_mm)
+    other = known.torque_nm - friction_torque_nm(p, speed)
+    ends: Any = torque + other, np.append(torque[1:], torque[-1]) + other
+    begin, end = (np.asarray(power_kw(one, speed) - p.operating_power_kw) for one in ends)
+    return begin, end
 
 
-def softened(p: ModelParameters, known: Knowledge) -> FloatArray:
-    """Factor (27) of the depth."""
-    return 1.0 + p.softening_per_c * known.rise_c
+def softened(p: ModelParameters, known: Knowledge, lag_s: float = 0.0) -> FloatArray:
+    """Factor (27) of the depth; the tool is ahead of a thermocouple that lags."""
+    return 1.0 + p.softening_per_c * (known.rise_c + lag_s * known.rate_c_per_s)
 
 
-def heated(p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray) -> FloatArray:
-    """Rise of the tool (16) after power that is linear within each step; constant before the first."""
-    lags = [_late(begin_kw, end_kw, lag_s, p.dead_time_s) for lag_s in (p.copper_lag_s, p.tool_lag_s)]
-    return np.asarray(_thermal_gains(p) @ lags)
+def heated(p: ModelParameters, begin_kw: FloatArray, end_kw: FloatArray, lag_s: float = 0.0) -> FloatArray:
+    """Rise (16) after power that is linear within each step; constant before the first."""
+    lags_s, gains = _thermal_modes(p, lag_s)
+    return np.asarray(gains @ [_late(begin_kw, end_kw, one_s, p.dead_time_s) for one_s in lags_s])
 
 
-def _thermal_gains(p: ModelParameters) -> FloatArray:
-    """Of the two modes of (16)."""
-    lags_s = np.array([p.copper_lag_s, -p.tool_lag_s])
-    return np.asarray(p.thermal_gain_c_per_kw * lags_s / (p.copper_lag_s - p.tool_lag_s))
+def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatArray]:
+    """Time constants [s] and gains of the lags in parallel that are (16), and the thermocouple's lag, in series."""
+    lags_s = np.array([p.copper_lag_s, p.tool_lag_s, lag_s][: 3 if lag_s > 0.0 else 2])
+    if lag_s > 0.0:  # lags in parallel differ
+        for other_s in lags_s[:2]:
+            if abs(lags_s[2] - other_s) < _APART * other_s:
+                lags_s[2] = (1.0 + _APART) * other_s
+    apart = lags_s[:, None] - lags_s + np.diag(np.ones(lags_s.size))
+    return lags_s, np.asarray(p.thermal_gain_c_per_kw * lags_s ** (lags_s.size - 1) / apart.prod(axis=1))
+
+
+def as_shown(p: ModelParameters, lag_s: float) -> ModelParameters:
+    """Parameters of (16) for what a thermocouple with a lag shows: dead time and shorter lag whose response to a step is
+    nearest to that of all three lags, in the sense of least squares."""
+    step = np.ones(round((p.dead_time_s + 10.0 * (p.tool_lag_s + lag_s)) / STEP_S))
+    step[0] = 0.0
+    expected = heated(p, step, step, lag_s)
+
+    def changed(logs: FloatArray) -> ModelParameters:
+        return p.changed(**dict(zip(("tool_lag_s", "dead_time_s"), map(float, np.exp(logs)), strict=True)))
+
+    long_s, short_s = max(p.tool_lag_s, lag_s), min(p.tool_lag_s, lag_s)
+    start = np.log([long_s + short_s / 2.0, p.dead_time_s + short_s / 2.0])  # Skogestad's half rule
+    found = scipy.optimize.least_squares(lambda logs: heated(changed(logs), step, step) - expected, start)
+    return changed(found.x)
+
+
+def rising(p: ModelParameters, segment: Segment, known: Knowledge, lag_s: float, at_knots: FloatArray) -> FloatArray:
+    """Rate at which the shown temperature rises [°C/s], without drift of the sensor."""
+    lags_s, gains = _thermal_modes(p, lag_s)
+    power, heat = _power_kw(p, segment, known), at_knots.copy()
+    heat[:, -1] = 0.0
+    gains = -gains / lags_s  # of what comes at once they leave nothing: the lags are in series
+    course = gains @ [_late(*power, one_s, p.dead_time_s) for one_s in lags_s]
+    response = Response(course, lags_s, gains, np.ones(segment.n_ticks))
+    return shown(response, walks(response), heat)
 
 
 def _motor_nm(p: ModelParameters, segment: Segment, depth_mm: FloatArray) -> FloatArray:
