@@ -7,12 +7,13 @@ welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, whi
 the identified model predict another weld, compared with the paper's? And on plants with other
 sensors than the model's, with noise that is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign | --short | --whole COUNT] [--json FILE]
+usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT] [--keep FILE] [--json FILE]
 """
 
 import json
 import os
 import random
+import resource
 import statistics
 import sys
 import time
@@ -103,14 +104,16 @@ def disturbance(index):
 
 
 def one(job):
-    """Weld and identify one plant: relative error and standard deviation of every parameter, seconds, excursions."""
+    """Weld and identify one plant: relative error and standard deviation of every parameter, seconds, excursions,
+    remarks about disturbances, largest memory of this process so far [MB]."""
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
     fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
     seconds = time.process_time() - began
     moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
-    return *errors_of(fit, factors), seconds, moved, disturbances(fit)
+    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return *errors_of(fit, factors), seconds, [float(one) for one in moved], disturbances(fit), memory_mb
 
 
 def welded(name, plant, event=None):
@@ -131,13 +134,20 @@ def errors_of(fit, factors):
     return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
-def identified(name, jobs):
-    """Results of all jobs, on all cores."""
-    runs = []
+def identified(name, jobs, keep=None):
+    """Results of all jobs, on all cores; those in the file ``keep`` are there already, and others get there."""
+    kept = {}
+    if keep is not None and keep.exists():
+        kept = dict(json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines())
+    runs = [kept[job[0]] for job in jobs if job[0] in kept]
+    left = [job for job in jobs if job[0] not in kept]
     try:
-        for run in on_all_cores(one, jobs):
+        for job, run in zip(left, on_all_cores(one, left), strict=True):
             runs.append(run)
             print(f"{name}: plant {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
+            if keep is not None:
+                with keep.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps([job[0], run]) + "\n")
     except KeyboardInterrupt:
         print(f"interrupted: of {len(runs)} {name} plants only", file=sys.stderr)
     return runs
@@ -164,11 +174,11 @@ def of_undisturbed(drawn):
         result[f"{name}_told"] = len(told)
         inside += within
     result["inside_95_percent"] = 100.0 * sum(inside) / len(inside)
-    result["cpu_s_median"] = statistics.median(seconds for _, _, seconds, _, _ in runs)
-    result["cpu_s_largest"] = max(seconds for _, _, seconds, _, _ in runs)
-    result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _ in runs)
-    result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _ in runs)
-    result["false_alarms"] = sum(bool(told) for *_, told in runs)
+    result["cpu_s_median"] = statistics.median(seconds for _, _, seconds, *_ in runs)
+    result["cpu_s_largest"] = max(seconds for _, _, seconds, *_ in runs)
+    result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _, _ in runs)
+    result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _, _ in runs)
+    result["false_alarms"] = sum(bool(told) for *_, told, _ in runs)
     return result
 
 
@@ -179,7 +189,7 @@ def of_disturbed(drawn):
     if not runs:
         return {"disturbed_welds": 0}
     biased, silent, gross, largest = 0, 0, 0, []
-    for (errors, deviations, *_, told), event in zip(runs, events, strict=False):
+    for (errors, deviations, *_, told, _), event in zip(runs, events, strict=False):
         off = {name: abs(errors[name]) / deviations[name] for name in AIMS if name in errors}
         worst = max(off, key=off.get)
         largest.append(max(abs(errors[name]) for name in AIMS if name in errors))
@@ -189,7 +199,7 @@ def of_disturbed(drawn):
         print(f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, {worst:<22} {event} {told}", file=sys.stderr)
     return {
         "disturbed_welds": len(runs),
-        "disturbed_told": sum(bool(told) for *_, told in runs),
+        "disturbed_told": sum(bool(told) for *_, told, _ in runs),
         "disturbed_biased_percent": 100.0 * biased / len(runs),
         "disturbed_biased_and_not_told_percent": 100.0 * silent / len(runs),
         "disturbed_off_by_10_percent_and_not_told_percent": 100.0 * gross / len(runs),
@@ -206,9 +216,9 @@ def deviations_of(runs):
     return off
 
 
-def of_whole_welds(drawn):
+def of_whole_welds(drawn, keep=None):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
-    runs = identified("whole weld", [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)])
+    runs = identified("whole weld", [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)], keep)
     if not runs:
         return {"whole_welds": 0}
     off = deviations_of(runs)
@@ -225,8 +235,9 @@ def of_whole_welds(drawn):
         "whole_largest_deviations": max(every),
         "whole_beyond_3_deviations": sum(one > BIASED for one in every),
         "whole_depth_gain_median_percent": 100.0 * statistics.median(gain),
-        "whole_cpu_s_median": statistics.median(seconds for _, _, seconds, _, _ in runs),
-        "whole_cpu_s_largest": max(seconds for _, _, seconds, _, _ in runs),
+        "whole_cpu_s_median": statistics.median(seconds for _, _, seconds, *_ in runs),
+        "whole_cpu_s_largest": max(seconds for _, _, seconds, *_ in runs),
+        "whole_memory_mb_largest": max(memory_mb for *_, memory_mb in runs),
     }
 
 
@@ -270,10 +281,11 @@ def over_the_papers(judged, fit, settled):
     return {key: own[key] / papers[key] for key in own}
 
 
-def of_sensors(drawn):
+def of_sensors(drawn, kinds=tuple(SENSING)):
     """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
     result = {}
-    for kind, sensors in SENSING.items():
+    for kind in kinds:
+        sensors = SENSING[kind]
         runs = list(on_all_cores(sensed, [(i, factors, sensors) for i, factors in enumerate(drawn)]))
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
@@ -348,7 +360,11 @@ def main():
     options.add_argument(
         "--short", action="store_true", help="only the welds of five minutes, undisturbed and disturbed"
     )
+    options.add_argument("--sensors", nargs="*", choices=list(SENSING), metavar="KIND", help="only the other sensors")
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
+    options.add_argument(
+        "--keep", type=Path, metavar="FILE", help="whole welds: results as lines of JSON, to go on with"
+    )
     arguments = options.parse_args()
     if arguments.foreign:
         result = of_foreign(2 if arguments.quick else 12)
@@ -356,8 +372,13 @@ def main():
         show(result)
         save(result, arguments.json)
         return 0
+    if arguments.sensors is not None:
+        result = of_sensors(random_factors(2 if arguments.quick else 12, SPANS), arguments.sensors or list(SENSING))
+        show(result)
+        save(result, arguments.json)
+        return 0
     if arguments.whole:
-        result = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole])
+        result = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole], arguments.keep)
         show(result)
         save(result, arguments.json)
         return 0

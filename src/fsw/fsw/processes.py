@@ -260,7 +260,7 @@ class Identified(Summary):
 
     @property
     def parameters(self) -> ModelParameters:
-        """The estimate, as the sensors show the process to a controller; what cannot be estimated is as at the start."""
+        """The estimate, as the sensors show the process to a controller; what is not estimated is as at the start."""
         return self.fit.shown
 
     @property

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: of an output: the walks of its input and of itself
 WALKS_OF = ((0, 2), (1, 3), (4,))
-#: prior standard deviations of the states at the first knot, by output; of the temperature, the third is the thermocouple's
+#: prior standard deviations of the states at the first knot, by output; the temperature's third is the thermocouple's
 STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
 #: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
 #: smallest, at the start, largest

@@ -203,7 +203,7 @@ class Problem:
         return slopes, by_lag
 
     def linearised(self, p: ModelParameters, slopes: bool) -> list[Part]:
-        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by free parameters and lag."""
+        """All parts: residuals without shifts and knots, slopes by shifts, and if asked for by parameters and lag."""
         parts: list[Part] = []
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
@@ -284,7 +284,7 @@ class Problem:
             if not self.fixed_walk:  # by the model, whose states are known only from where the temperature is used
                 told = rising(p, segment, self.known[i], self.lag_s, parts[TEMPERATURE].at_knots)
                 told += _rate((shifts - of_sensor)[:, TEMPERATURE])
-                rate = np.append(rate[: _SETTLING_TICKS[TEMPERATURE]], told[_SETTLING_TICKS[TEMPERATURE] :])
+                rate[_SETTLING_TICKS[TEMPERATURE] :] = told[_SETTLING_TICKS[TEMPERATURE] :]
             rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
             self.known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate)
 

@@ -2,9 +2,9 @@
 
 The static equations are those of :mod:`fsw_model.equations`. Each output follows from the inputs and from the others as
 they were measured and smoothed: depth (17), (27) from force and temperature; torque (18)-(23) from force, speed and
-depth; temperature (16), (24) from the power of that torque, as a thermocouple shows it that may lag. So each is a linear
-response, of lags in parallel, exact for an input that is linear within a step. The fast pole of (17) is left out: it is
-a hundred times faster than a step.
+depth; temperature (16), (24) from the power of that torque, behind the thermocouple's lag if there is one. So each is a
+linear response, of lags in parallel, exact for an input that is linear within a step. The fast pole of (17) is left
+out: it is a hundred times faster than a step.
 """
 
 from __future__ import annotations
@@ -106,8 +106,11 @@ def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatA
 
 
 def as_shown(p: ModelParameters, lag_s: float) -> ModelParameters:
-    """Parameters of (16) for what a thermocouple with a lag shows: dead time and shorter lag whose response to a step is
-    nearest to that of all three lags, in the sense of least squares."""
+    """Parameters of (16) for what a thermocouple with a lag shows.
+
+    They have the dead time and the shorter lag whose response to a step is nearest to that of all three lags, in the
+    sense of least squares.
+    """
     step = np.ones(round((p.dead_time_s + 10.0 * (p.tool_lag_s + lag_s)) / STEP_S))
     step[0] = 0.0
     expected = heated(p, step, step, lag_s)
