@@ -7,7 +7,8 @@ welds of 45 minutes (``canister_weld``). And on canisters that conduct heat, whi
 the identified model predict another weld, compared with the paper's? And on plants with other
 sensors than the model's, with noise that is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT] [--keep FILE] [--json FILE]
+usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT] [--keep FILE]
+                         [--json FILE]
 """
 
 import json

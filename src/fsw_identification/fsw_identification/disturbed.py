@@ -34,7 +34,7 @@ def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
     found: list[Shift] = []
     for i, whitened in enumerate(problem.whitened):
-        sizes = shift_sizes(whitened / problem.noise, problem.left)
+        sizes = shift_sizes(whitened / problem.noise, problem.autocorrelation)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
             shift = Shift(i, output, int(tick))
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
@@ -46,7 +46,7 @@ def find_shifts(problem: Problem) -> list[Shift]:
     return found
 
 
-def shift_sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
+def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray:
     """Estimate of a shift at each tick but the first, beside a level, in its standard deviations; of white noise it is
     the difference of the means after and before."""
     limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
@@ -55,8 +55,8 @@ def shift_sizes(whitened: FloatArray, left: FloatArray) -> FloatArray:
     low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(whitened))
     n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
     # a whitened level is ``new`` everywhere, a whitened shift 1 at its tick and ``new`` after
-    new = 1.0 - left
-    after = (sums[high] - sums[at]) * new + limited[at] * left
+    new = 1.0 - autocorrelation
+    after = (sums[high] - sums[at]) * new + limited[at] * autocorrelation
     level = (sums[high] - sums[low]) * new
     with np.errstate(all="ignore"):
         of_both, of_level = new * (1.0 + new * (n_after - 1.0)), new**2 * (n_before + n_after)

@@ -15,7 +15,7 @@ import numpy as np
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
 from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
-from fsw_identification.noise import correlation_s
+from fsw_identification.noise import WHITE_S, correlation_s
 from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
 from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, as_shown
 from fsw_identification.statistics import CORRELATED, long_run_factor
@@ -165,10 +165,17 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
         best.solve(count)
-    notes = leave_out(best, _innovation(first.noise, best.left), count)
+    notes = leave_out(best, _innovation(first.noise, best.autocorrelation), count)
     drop_small_shifts(best)
     best.reject = True
     best.solve(count)
+    if steady:
+        notes += [
+            f"{name}: residuals are correlated over {over_s:.2g} s; --steady takes noise for white, and enlarges the "
+            "standard deviations instead"
+            for name, over_s in zip(OUTPUTS, correlation_s(likely_colour(best)), strict=True)
+            if over_s > WHITE_S
+        ]
     return _fit(best, kept | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes)
 
 
@@ -200,7 +207,7 @@ def _best_start(
             solved = _solve_twice(scaled, segments, free, count, sensors)
         if best is None or evidence(solved) < evidence(best):
             best = solved
-        alone = _innovation(noise, solved.left)
+        alone = _innovation(noise, solved.autocorrelation)
         share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(axis=0)
         if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
@@ -257,8 +264,10 @@ def _solve(
     problem.solve(count)
     problem.free = free
     problem.solve(count)
-    if problem.coloured and problem.left.max() < _COLOURED:  # a lag or a shift had made the residuals look so
-        problem.coloured, problem.left = False, np.zeros(len(OUTPUTS))
+    if (
+        problem.coloured and problem.autocorrelation.max() < _COLOURED
+    ):  # a lag or a shift had made the residuals look so
+        problem.coloured, problem.autocorrelation = False, np.zeros(len(OUTPUTS))
     for problem.fixed_walk in (True, False):
         if not problem.fixed_walk:
             problem.solve(count)
@@ -299,9 +308,9 @@ def expected_deviations(
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))
 
 
-def _innovation(noise: FloatArray, left: FloatArray) -> FloatArray:
+def _innovation(noise: FloatArray, autocorrelation: FloatArray) -> FloatArray:
     """Standard deviation of whitened noise from the differences' ``noise`` of :func:`_sensor_noise`."""
-    return np.asarray(noise * np.sqrt(1.0 + left))
+    return np.asarray(noise * np.sqrt(1.0 + autocorrelation))
 
 
 def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
@@ -397,8 +406,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         free=problem.free,
         covariance=covariance[:n, :n],
         kept=kept,
-        noise=white / np.sqrt(1.0 - problem.left**2),
-        correlation_s=correlation_s(problem.left),
+        noise=white / np.sqrt(1.0 - problem.autocorrelation**2),
+        correlation_s=correlation_s(problem.autocorrelation),
         colour=colour,
         segments=problem.segments,
         predicted=problem.predicted,

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from fsw_analysis.weld_signals import FloatArray
-from fsw_identification.noise import left_of
+from fsw_identification.noise import autocorrelation_of
 from fsw_identification.simulation import OUTPUTS
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
         of_output = [part for part in parts if part.output == output]
 
         def take(log_s: float, output: int = output, of_output: list[Part] = of_output) -> float:
-            problem.left[output] = left_of(np.exp(log_s))
+            problem.autocorrelation[output] = autocorrelation_of(np.exp(log_s))
             problem.take_noise(output)
             for part in of_output:
                 problem.compress(part)
@@ -86,11 +86,11 @@ def of_samples(problem: Problem, output: int) -> float:
 
 
 def likely_colour(problem: Problem) -> FloatArray:
-    """(3,): correlation of the noise from tick to tick with the largest evidence at a solution, which stays."""
-    before = problem.left.copy(), problem.noise.copy()
+    """(3,): autocorrelation of the noise from tick to tick with the largest evidence at a solution, which stays."""
+    before = problem.autocorrelation.copy(), problem.noise.copy()
     take_likely_colour(problem, problem.linearised(problem.parameters, True))
-    found = problem.left
-    problem.left, problem.noise = before
+    found = problem.autocorrelation
+    problem.autocorrelation, problem.noise = before
     return found
 
 

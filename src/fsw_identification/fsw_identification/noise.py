@@ -30,8 +30,8 @@ class Whitening(NamedTuple):
         return np.asarray(self.scale * (values - self.share * values[self.before]))
 
 
-def whitening(known: NDArray[np.bool_], left: float) -> Whitening:
-    """Of samples, where ``known``, whose noise is correlated by ``left`` from tick to tick.
+def whitening(known: NDArray[np.bool_], autocorrelation: float) -> Whitening:
+    """Of samples, where ``known``, whose noise has this ``autocorrelation`` from tick to tick.
 
     The sample before may be several ticks ago, but not on the other side of a knot: then it is taken for unknown.
     """
@@ -41,15 +41,15 @@ def whitening(known: NDArray[np.bool_], left: float) -> Whitening:
     none = before < (at - 1) // KNOT_TICKS * KNOT_TICKS
     none[:1] = True
     before = np.where(none, at, before)
-    share = np.where(none, 0.0, left ** (at - before))
-    return Whitening(before, share, np.sqrt((1.0 - left**2) / (1.0 - share**2)))
+    share = np.where(none, 0.0, autocorrelation ** (at - before))
+    return Whitening(before, share, np.sqrt((1.0 - autocorrelation**2) / (1.0 - share**2)))
 
 
-def left_of(correlation_s: float) -> float:
-    """Correlation from tick to tick."""
+def autocorrelation_of(correlation_s: float) -> float:
+    """Autocorrelation from tick to tick."""
     return float(np.exp(-TICK_S / correlation_s))
 
 
-def correlation_s(left: FloatArray) -> FloatArray:
+def correlation_s(autocorrelation: FloatArray) -> FloatArray:
     """Time after which the autocorrelation is down to 1/e; 0 of white noise."""
-    return np.asarray([-TICK_S / np.log(one) if one > 0.0 else 0.0 for one in left])
+    return np.asarray([-TICK_S / np.log(one) if one > 0.0 else 0.0 for one in autocorrelation])

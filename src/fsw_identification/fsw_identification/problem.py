@@ -123,8 +123,8 @@ class Problem:
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.parameters, self.free = start, tuple(free)
         self.noise = np.array([0.01, 1.0, 10.0])  #: (3,): standard deviation of each output's whitened residuals
-        self.left = np.zeros(len(OUTPUTS))  #: (3,): correlation of the noise of each output from tick to tick
-        self.coloured = False  #: whether ``left`` is estimated
+        self.autocorrelation = np.zeros(len(OUTPUTS))  #: (3,): of the noise of each output, from tick to tick
+        self.coloured = False  #: whether ``autocorrelation`` is estimated
         #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
         self.walk = WALK[1].copy()
         self.fixed_walk = True  #: whether ``walk`` stays as it is
@@ -221,7 +221,9 @@ class Problem:
 
     def whitening(self, i: int, output: int) -> Whitening:
         """Of an output of a segment."""
-        return whitening(np.isfinite(_settled(self.segments[i].measured)[:, output]), float(self.left[output]))
+        return whitening(
+            np.isfinite(_settled(self.segments[i].measured)[:, output]), float(self.autocorrelation[output])
+        )
 
     def compress(self, part: Part) -> None:
         """Rows of a part, with the present noise and weights."""
@@ -337,9 +339,9 @@ class Problem:
             before, self._parts, _ = self._profile(self.parameters)
             parts, settled = self.linearised(self.parameters, True), True
             if self.coloured:
-                earlier = self.left.copy()
+                earlier = self.autocorrelation.copy()
                 take_likely_colour(self, parts)
-                settled &= bool((np.abs(self.left - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
+                settled &= bool((np.abs(self.autocorrelation - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
             if not self.fixed_walk:
                 earlier, self.walk = self.walk, likely_walk(self, parts)
                 settled &= bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())

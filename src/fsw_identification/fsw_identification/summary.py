@@ -113,7 +113,7 @@ def remarks(result: Summary) -> list[str]:
     for i, name in enumerate(NAMES):
         if max(result.judgement.outside(i)) > _WHITE:
             lines.append(
-                f"residuals of {name} are not white: the model does not explain all of it; "
-                f"standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
+                f"residuals of {name} are not white: the model does not explain all of it, or its noise is of another "
+                f"colour; standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
             )
     return lines

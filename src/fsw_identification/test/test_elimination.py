@@ -65,7 +65,7 @@ class Case(NamedTuple):
 def case(
     output: str, n: int, seed: int, scales: tuple[float, float] = (-1.0, 1.0), width: int = 3, left: float = 0.0
 ) -> Case:
-    """Random data; powers of ten of the priors within ``scales``, and noise correlated by ``left``."""
+    """Random data; powers of ten of the priors within ``scales``, and noise of this autocorrelation."""
     generator = np.random.default_rng(seed)
     lags_s, gains = (np.array(one) for one in MODES[output])
     factor = generator.uniform(0.8, 1.2, n)

@@ -12,7 +12,19 @@ from fsw_identification import disturbed, estimation, model_file, noise, report,
 from fsw_identification.elimination import knots
 from fsw_identification.friction import from_air
 from fsw_identification.problem import HEAT
-from fsw_identification.simulation import DEPTH, KNOT_TICKS, Knowledge, driven, heated, respond, shown, walks
+from fsw_identification.simulation import (
+    DEPTH,
+    KNOT_TICKS,
+    TEMPERATURE,
+    Knowledge,
+    as_shown,
+    driven,
+    heated,
+    respond,
+    rising,
+    shown,
+    walks,
+)
 from fsw_identification.weld_data import Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
 from fsw_schema.models import InputError
@@ -122,6 +134,24 @@ def test_power_heats_after_the_dead_time() -> None:
     assert 0.6 < rise[-1] / 1.3 / OTHER.thermal_gain_c_per_kw < 1.0
 
 
+@pytest.mark.parametrize("lag_s", [0.3, OTHER.tool_lag_s, 3.0])
+def test_a_thermocouple_follows_with_a_first_order_lag(lag_s: float) -> None:
+    segment = only(weld(OTHER, 60.0, noise=0.0))
+    known = measured(segment, OTHER)
+    tool, slow = (respond(TEMPERATURE, OTHER, segment, known, one_s) for one_s in (0.0, lag_s))
+    rate = rising(OTHER, segment, known, lag_s, np.zeros((knots(segment.n_ticks), 7)))
+    assert np.ptp(tool.course - slow.course) > 0.1
+    np.testing.assert_allclose(slow.course + lag_s * rate, tool.course, rtol=0.0, atol=0.01)
+
+
+def test_two_lags_stand_in_for_three() -> None:
+    found, step = as_shown(OTHER, 3.0), np.append(0.0, np.ones(600))
+    wrong = heated(found, step, step) - heated(OTHER, step, step, 3.0)
+    assert np.abs(wrong).max() < 0.02 * OTHER.thermal_gain_c_per_kw
+    assert found.thermal_gain_c_per_kw == OTHER.thermal_gain_c_per_kw
+    assert OTHER.dead_time_s < found.dead_time_s < OTHER.dead_time_s + OTHER.tool_lag_s
+
+
 @pytest.mark.slow
 def test_estimate_with_its_deviations() -> None:
     fit = estimation.identify([only(weld())])
@@ -137,7 +167,7 @@ def test_estimate_with_its_deviations() -> None:
 @pytest.mark.slow
 @pytest.mark.full
 def test_coloured_noise_is_estimated_along() -> None:
-    signals, left = weld(seconds=200.0, noise=0.0), noise.left_of(2.0)
+    signals, left = weld(seconds=200.0, noise=0.0), noise.autocorrelation_of(2.0)
     fresh = np.random.default_rng(3).standard_normal((3, signals.n_ticks))
     for of, std, one in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True):
         of += std * scipy.signal.lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], one)
@@ -148,21 +178,29 @@ def test_coloured_noise_is_estimated_along() -> None:
     assert not summary.disturbances(fit)
     assert sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
     assert model_file.text(fit, "weld").count("correlated over") == 3
+    steady = estimation.identify([only(signals)], steady=True)
+    assert sum("--steady takes noise for white" in note for note in steady.notes) == 3
 
 
 @pytest.mark.slow
 @pytest.mark.full
 def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
     signals, left = weld(seconds=200.0, noise=0.0), np.exp(-0.1 / 2.0)
-    rise = signals.temperature_c - signals.temperature_c[0]
-    signals.temperature_c[:] -= rise - scipy.signal.lfilter([0.0, 1.0 - left], [1.0, -left], rise)
+    rise, mean = signals.temperature_c - signals.temperature_c[0], (1.0 - left) * 2.0 / 0.1
+    # exact for a temperature that is linear within a step
+    signals.temperature_c[:] -= rise - scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], rise)
     for of, std in zip((signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, strict=True):
         of += std * np.random.default_rng(3).standard_normal(signals.n_ticks)
     fit = estimation.identify([only(signals)])
     assert fit.lag_s is not None and fit.lag_s[0] == pytest.approx(2.0, abs=max(0.1, 4.0 * fit.lag_s[1]))
-    assert abs(scores(fit)["depth_gain_mm_per_kn_s"]) < 4.0
+    assert max(map(abs, scores(fit).values())) < 4.0
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
-    assert "lags" in model_file.text(fit, "weld")
+    text = model_file.text(fit, "weld")
+    assert "lags" in text and text.count("as the thermocouple shows it; of the tool") == 2
+    told = ModelParameters.from_yaml(text)
+    assert told.dead_time_s > OTHER.dead_time_s + 0.3 and told.tool_lag_s > OTHER.tool_lag_s + 0.3
+    late_s = told.dead_time_s + told.tool_lag_s - OTHER.dead_time_s - OTHER.tool_lag_s
+    assert late_s == pytest.approx(2.0, abs=0.3)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification import disturbed
-from fsw_identification.noise import correlation_s, left_of, whitening
+from fsw_identification.noise import autocorrelation_of, correlation_s, whitening
 from fsw_identification.simulation import KNOT_TICKS
 
 N = 200 * KNOT_TICKS
@@ -42,12 +42,14 @@ def test_a_sample_and_the_one_before_belong_to_the_same_knots() -> None:
 def test_white_noise_stays_as_it_is() -> None:
     noise = coloured(0.0, 300)
     np.testing.assert_array_equal(whitening(np.ones(300, dtype=bool), 0.0).of(noise), noise)
-    assert correlation_s(np.array([0.0, left_of(1.0), left_of(5.0)])) == pytest.approx([0.0, 1.0, 5.0])
+    assert correlation_s(np.array([0.0, autocorrelation_of(1.0), autocorrelation_of(5.0)])) == pytest.approx(
+        [0.0, 1.0, 5.0]
+    )
 
 
 def test_coloured_noise_is_no_disturbance() -> None:
     """Its swings are one as long as it is taken for white."""
-    left = np.array([left_of(1.0), left_of(5.0), 0.0])
+    left = np.array([autocorrelation_of(1.0), autocorrelation_of(5.0), 0.0])
     noise = np.column_stack([coloured(one, 60 * KNOT_TICKS, i) for i, one in enumerate(left)])
     known = np.ones(len(noise), dtype=bool)
     white = np.column_stack([whitening(known, one).of(column) for one, column in zip(left, noise.T, strict=True)])

@@ -131,7 +131,7 @@ class PlantBatch:
         shown = np.stack([depth, self.outputs[3] + self._inertia_nm - drop_nm, temperature])
         every = np.arange(self.n)
         for i, noise in enumerate(self._noise):
-            fresh, kept = self._drawn[i, every, place], noise.kept
+            fresh, kept = self._drawn[i, every, place], noise.autocorrelation
             later = kept * self._deviations[i] + sqrt(1.0 - kept**2) * fresh
             self._deviations[i] = np.where(self.tick == 1, fresh, later)
             shown[i] += noise.deviation * self._deviations[i]

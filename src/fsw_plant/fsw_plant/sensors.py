@@ -35,8 +35,8 @@ class Noise(NamedTuple):
     correlation_s: float = 0.0
 
     @property
-    def kept(self) -> float:
-        """Share of the noise that is left after a tick."""
+    def autocorrelation(self) -> float:
+        """From tick to tick: the share of the noise that is left."""
         return lag_left(self.correlation_s)
 
 
@@ -57,7 +57,7 @@ class Sensor:
     def configure(self, noise: Noise) -> None:
         """Change the noise; what a correlated one is at goes on."""
         self._deviation, self._resolution = noise.deviation, noise.resolution
-        self._kept = noise.kept
+        self._kept = noise.autocorrelation
         self._fresh = sqrt(1.0 - self._kept**2)
 
     def read(self, value: float) -> float:

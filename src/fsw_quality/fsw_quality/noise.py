@@ -30,14 +30,14 @@ class Noise(NamedTuple):
     correlation_s: float = 0.0
 
     @property
-    def kept(self) -> float:
-        """Share of the noise that is left after a tick."""
+    def autocorrelation(self) -> float:
+        """From tick to tick: the share of the noise that is left."""
         return exp(-TICK_S / self.correlation_s) if self.correlation_s else 0.0
 
     @property
     def as_one(self) -> float:
         """How many samples count as one in a long mean."""
-        return (1.0 + self.kept) / (1.0 - self.kept)
+        return (1.0 + self.autocorrelation) / (1.0 - self.autocorrelation)
 
     def variance_of_mean(self, seconds: float) -> float:
         """Variance of a mean over a time that is long against the correlation."""
@@ -46,7 +46,7 @@ class Noise(NamedTuple):
     def share_of_mean(self, n: int) -> float:
         """Variance of the mean of ``n`` samples over that of a sample."""
         lags = np.arange(1, n)
-        return (1.0 + 2.0 * float(np.sum((1.0 - lags / n) * self.kept**lags))) / n
+        return (1.0 + 2.0 * float(np.sum((1.0 - lags / n) * self.autocorrelation**lags))) / n
 
 
 WHITE = Noise()

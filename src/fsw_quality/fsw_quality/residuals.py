@@ -124,8 +124,8 @@ class ModelResiduals:
         if not torque.correlation_s:
             return 0.0
         step, fresh = np.zeros((3, 3)), np.zeros((3, 3))
-        step[:2], step[2, 2] = np.reshape(self._thermal, (2, 3)), torque.kept
-        fresh[2, 2] = (torque.sigma * self._speed * KW_PER_NM_RPM) ** 2 * (1.0 - torque.kept**2)
+        step[:2], step[2, 2] = np.reshape(self._thermal, (2, 3)), torque.autocorrelation
+        fresh[2, 2] = (torque.sigma * self._speed * KW_PER_NM_RPM) ** 2 * (1.0 - torque.autocorrelation**2)
         # the variance that a step keeps: P = A P A' + Q
         kept = np.linalg.solve(np.eye(9) - np.kron(step, step), fresh.ravel()).reshape(3, 3)
         return sqrt(float(kept[1, 1]))

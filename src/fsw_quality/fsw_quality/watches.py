@@ -214,11 +214,11 @@ class InnovationWatch:
             return {}
         powers, products = np.array(self._learnt).T
         self._normal = float(np.median(powers))
-        normal = float(np.median((1.0 + noise.kept**2) * powers - 2.0 * noise.kept * products))
+        normal = float(np.median((1.0 + noise.autocorrelation**2) * powers - 2.0 * noise.autocorrelation * products))
         if normal <= 0.0:
             return {}
-        if noise.kept:
-            values = values[1:] - noise.kept * values[:-1]
+        if noise.autocorrelation:
+            values = values[1:] - noise.autocorrelation * values[:-1]
         found = {f"innovation_size_{self.name}": float(values.var()) / normal}
         if calm_s > _SETTLED_S:
             found[f"innovation_colour_{self.name}"] = ljung_box(values)
