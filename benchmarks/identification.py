@@ -18,6 +18,7 @@ import resource
 import statistics
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
@@ -30,6 +31,7 @@ if __name__ == "__main__":
     ensure()
 
 import numpy as np
+import scipy
 import yaml
 from report import parser, save, show
 
@@ -37,9 +39,10 @@ from controller_comparison.processes import RANDOM, SENSING, random_factors
 from fsw_campaign.definition import load
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
+from fsw_identification.noise import autocorrelation_of
 from fsw_identification.problem import measured
 from fsw_identification.simulation import DEPTH, OUTPUTS, respond
-from fsw_identification.summary import disturbances
+from fsw_identification.summary import Summary, disturbances, remarks
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant.config import specs
@@ -78,6 +81,11 @@ AMPLITUDES = {
     "torque": ("nm", 10.0, 60.0),
 }
 FAULTS = {"depth": ("mm", 0.02, 0.1), "thermocouple": ("c", 1.0, 5.0)}
+#: correlation times [s] of two parts of the noise, each of half its variance: none is of the method's
+MIXED = {"white and 5 s": (0.0, 5.0), "0.5 and 10 s": (0.5, 10.0)}
+#: noise of the method's colour, and a disturbance of the process or a sensor with it
+DISTURBED = "correlated 1 s, disturbed"
+KINDS = (*SENSING, *MIXED, DISTURBED)
 
 
 def disturbance(index):
@@ -282,18 +290,19 @@ def over_the_papers(judged, fit, settled):
     return {key: own[key] / papers[key] for key in own}
 
 
-def of_sensors(drawn, kinds=tuple(SENSING)):
+def of_sensors(drawn, kinds=KINDS):
     """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
     result = {}
     for kind in kinds:
-        sensors = SENSING[kind]
-        runs = list(on_all_cores(sensed, [(i, factors, sensors) for i, factors in enumerate(drawn)]))
+        sensors = SENSING.get(kind, {})
+        runs = list(on_all_cores(sensed, [(i, factors, kind) for i, factors in enumerate(drawn)]))
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
         found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
         found["inside_95_percent"] = percent(one <= _95 for one in every)
         found["beyond_3_deviations_percent"] = percent(one > BIASED for one in every)
-        found["told"] = sum(bool(told) for _, _, _, told, *_ in runs)
+        found["told"] = sum(bool(told) for _, _, _, (told, _), *_ in runs)
+        found["not_white"] = sum(not_white for _, _, _, (_, not_white), *_ in runs)
         found["cpu_s_median"] = statistics.median(seconds for *_, seconds in runs)
         lags = [lag_s for *_, lag_s, _, _ in runs if lag_s]
         found["lag_told"] = len(lags)
@@ -323,16 +332,36 @@ def percent(flags):
 
 def sensed(job):
     """Identify a plant with such sensors: errors, standard deviations, ratios of errors of predictions, remarks about
-    disturbances, lag and correlation times found, seconds."""
-    index, factors, sensors = job
+    disturbances and whether one is about whiteness, lag and correlation times found, seconds."""
+    index, factors, kind = job
     lag_s = specs()["actuators.lag_s"].default
-    taught = prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors}), lag_s).segments
+    sensors, event = SENSING.get(kind, {}), None
+    if kind == DISTURBED:
+        sensors, event = SENSING["correlated 1 s"], disturbance(index)
+    noise = {"noise": False} if kind in MIXED else {}
+    taught = prepare(welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors, **noise}, event), lag_s).segments
+    if kind in MIXED:
+        taught = [noisy(segment, MIXED[kind], index) for segment in taught]
     began = time.process_time()
     fit = identify(taught)
     seconds = time.process_time() - began
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
     ratios = over_the_papers(judged, fit, 0)
-    return *errors_of(fit, factors), ratios, disturbances(fit), fit.lag_s, fit.correlation_s, seconds
+    told = disturbances(fit), any("not white" in line for line in remarks(Summary(kind, fit)))
+    return *errors_of(fit, factors), ratios, told, fit.lag_s, fit.correlation_s, seconds
+
+
+def noisy(segment, correlations_s, seed):
+    """A segment with noise of the sensors' nominal size, in parts of equal variance with these correlation times."""
+    names = ("sensors.depth_noise_mm", "sensors.temperature_noise_c", "sensors.torque_noise_nm")
+    sizes = np.array([specs()[name].default for name in names]) / np.sqrt(len(correlations_s))
+    generator, measured = np.random.default_rng(seed), segment.measured.copy()
+    for correlation_s in correlations_s:
+        left = autocorrelation_of(correlation_s) if correlation_s else 0.0
+        fresh = generator.standard_normal(measured.shape)
+        fresh[1:] *= np.sqrt(1.0 - left**2)
+        measured += sizes * scipy.signal.lfilter([1.0], [1.0, -left], fresh, axis=0)
+    return replace(segment, measured=measured)
 
 
 def prediction_errors(segments, model, settled, lag_s=0.0):
@@ -361,7 +390,7 @@ def main():
     options.add_argument(
         "--short", action="store_true", help="only the welds of five minutes, undisturbed and disturbed"
     )
-    options.add_argument("--sensors", nargs="*", choices=list(SENSING), metavar="KIND", help="only the other sensors")
+    options.add_argument("--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors")
     options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
     options.add_argument(
         "--keep", type=Path, metavar="FILE", help="whole welds: results as lines of JSON, to go on with"
@@ -374,7 +403,7 @@ def main():
         save(result, arguments.json)
         return 0
     if arguments.sensors is not None:
-        result = of_sensors(random_factors(2 if arguments.quick else 12, SPANS), arguments.sensors or list(SENSING))
+        result = of_sensors(random_factors(2 if arguments.quick else 12, SPANS), arguments.sensors or KINDS)
         show(result)
         save(result, arguments.json)
         return 0

@@ -19,6 +19,8 @@ NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
 _95 = 1.96
 #: slow disturbances that are worth a remark, in the order of WALKS
 _REMARKABLE = (0.1, 0.2, 0.002, 0.2, 4.0)
+#: correlation time [s] from which on noise is as slow as the process, and more likely a disturbance
+_SLOW_S = 10.0
 #: share of lags beyond the bounds of 99 % from which on residuals are not called white
 _WHITE = 0.07
 
@@ -86,6 +88,12 @@ def disturbances(fit: Fit) -> list[str]:
                 "disturbance or a sensor fault); estimated along"
             )
     lines += fit.notes
+    for name, over_s in zip(NAMES, fit.correlation_s, strict=True):
+        if over_s > _SLOW_S:
+            lines.append(
+                f"what is left of {name} is correlated over {over_s:.2g} s and counts as noise, but is as slow as the "
+                "process: more likely a disturbance; do not rely on parameters that depend on it"
+            )
     for which, name in enumerate(WALKS):
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
         if largest > _REMARKABLE[which]:

@@ -178,6 +178,8 @@ def test_coloured_noise_is_estimated_along() -> None:
     assert not summary.disturbances(fit)
     assert sum("correlated over" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
     assert model_file.text(fit, "weld").count("correlated over") == 3
+    slow = replace(fit, correlation_s=np.array([0.0, 2.0, 20.0]))
+    assert ["torque" in line for line in summary.disturbances(slow) if "counts as noise" in line] == [True]
     steady = estimation.identify([only(signals)], steady=True)
     assert sum("--steady takes noise for white" in note for note in steady.notes) == 3
 
