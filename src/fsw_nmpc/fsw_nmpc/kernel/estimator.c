@@ -15,8 +15,9 @@
  * Innovations of the depth that have one sign for a second are a drift: likewise their excess widens the variance of the
  * offset's rate, which is small at rest, so that noise moves the force little. The rate of the temperature's offset has no
  * such test: with its dead time, and a gain that is not the model's, the loop would not be stable. Where gain and delay of
- * the power are estimated, innovations of the temperature that keep their sign for ten seconds are heat: it would pass for
- * an offset of tens of degC before its own random walk has found it, and an offset that leaks is an error that stays. */
+ * the power are estimated, innovations of the temperature that keep their sign are heat, as far as no later response to the
+ * power explains them: it would pass for an offset of tens of degC before its own random walk has found it, and an offset
+ * that leaks is an error that stays. */
 #include <math.h>
 
 #include "internal.h"
@@ -35,9 +36,10 @@
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
 #define LASTING_KEEP 0.99 /* likewise for the temperature, about ten seconds */
-#define STEADY_MOST 1.0   /* largest innovation in the sum that tells how long they last, in its deviations */
-#define STEADY_SHARE 1.6  /* of the test's bound, that this sum must reach: with all of one sign, in eight seconds */
-#define START_TICKS 30    /* before them, as nothing has jumped */
+#define STEADY_MOST 1.0   /* largest innovation in the sum that tells whether they last, in deviations */
+#define STEADY_SUM 57.0   /* by this sum they do: eight seconds of one sign, where they are large; */
+#define LONG_TICKS 150    /* so long beyond the test's bound, where they are small */
+#define START_TICKS 30    /* at the start they need not, as nothing has jumped */
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
@@ -167,7 +169,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = e->steady = 0.0;
-  e->is_doubtful = 0;
+  e->is_doubtful = e->long_ticks = 0;
   e->start_ticks = START_TICKS;
   for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
   for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
@@ -407,9 +409,9 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   e->recent = 0.0;
 }
 
-/* What of the temperature's lasting innovations no later response to the power explains. If the power arrives later by 1 s
- * than estimated, the last one is `by_delay`, as long as that is a linearisation. By any time, it is the integral of what
- * `by_delay` was over that time back; and a probe that lags mixes such times. */
+/* What of the temperature's lasting innovations no later response to the power explains. If the power arrives 1 s later than
+ * estimated, the newest one is `by_delay`, as far as that is linear. If it arrives later by any other time, it is the integral
+ * of `by_delay` over that time back; and a probe that lags mixes such times. */
 static double unexplained(fsw_estimator *e, double by_delay) {
   double sum = 0.0, low = 0.0, high = 0.0;
   for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
@@ -424,19 +426,20 @@ static double unexplained(fsw_estimator *e, double by_delay) {
 
 /* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
  * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
- * such a rate. They have to last, because a jump that reaches the thermocouple by and by makes some, too. */
+ * such a rate. They have to last, because a jump that a slow thermocouple shows by and by makes some, too. */
 static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, double by_delay) {
   if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
-  const double innovation = e->innovation[TEMPERATURE] / deviation;
-  e->lasting = LASTING_KEEP * e->lasting + fsw_clip(innovation, -t->jump_sigmas, t->jump_sigmas);
+  const double innovation = fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
+  e->lasting = LASTING_KEEP * e->lasting + innovation;
   e->steady = LASTING_KEEP * e->steady + fsw_clip(innovation, -STEADY_MOST, STEADY_MOST);
   const double least = t->heat_sigmas / sqrt(1.0 - LASTING_KEEP * LASTING_KEEP);
   const double rest = unexplained(e, by_delay / deviation);
-  const int lasts = fabs(e->lasting) > least && (e->start_ticks > 0 || fabs(e->steady) > STEADY_SHARE * least);
+  e->long_ticks = fabs(rest) > least ? e->long_ticks + 1 : 0;
+  const int lasts = e->start_ticks > 0 || fabs(e->steady) > STEADY_SUM || e->long_ticks > LONG_TICKS;
   if (e->start_ticks > 0) e->start_ticks--;
-  e->is_doubtful = lasts && fabs(rest) <= least;
-  if (!lasts || e->is_doubtful) return;
+  e->is_doubtful = lasts && fabs(e->lasting) > least && fabs(rest) <= least;
+  if (!lasts || fabs(rest) <= least) return;
   const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
   const double rate = share * (1.0 - LASTING_KEEP) * rest * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);

@@ -215,6 +215,7 @@ typedef struct {
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
   double steady;                           /* and of those, each up to a smaller bound: whether they last */
+  int long_ticks;                          /* for which the sum has been beyond the bound of the test */
   int start_ticks;                         /* left in which they need not, as nothing has jumped */
   double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
   double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
