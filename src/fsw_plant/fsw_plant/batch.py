@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from fsw_control import SENSORS, weld
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
-from fsw_model.equations import MOTOR, N_POWER
-from fsw_plant.canister_process import added_kw
+from fsw_model.equations import MOTOR, N_POWER, power_kw
 from fsw_plant.config import PlantConfig
 from fsw_plant.lag import lag_left, lag_mean, lag_risen
 from fsw_plant.sensors import BLOCK, noise_of
@@ -167,7 +166,7 @@ class PlantBatch:
         self.stopped = ~fine
         added_nm = self._disturbed("torque")
         moved[MOTOR] += lag_risen(self.config.model.motor_lag_s) * added_nm
-        more_kw = added_kw(added_nm, mean[1])
+        more_kw = power_kw(added_nm, mean[1])
         sent[0] += more_kw
         sent[3] -= more_kw
         self._x = np.where(fine, moved, self._x)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import isfinite, pi
-from typing import Any
 
 from fsw_canister import CanisterState, HeatModel
 from fsw_canister.history import heated
@@ -41,11 +40,6 @@ class CanisterProcessState(ProcessState):
         return CanisterProcessState(self.x, self.power, deque(self.copper), self.canister)
 
 
-def added_kw(added_nm: Any, speed_rpm: Any) -> Any:
-    """Power (24) of a torque that is added, of floats or arrays."""
-    return power_kw(added_nm, speed_rpm)
-
-
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
@@ -73,7 +67,7 @@ class CanisterProcess:
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
         if added_nm:  # which rises within the step as 1 - exp(-s / lag)
-            mean_kw += (1.0 - lag_mean(lag_s)) * added_kw(added_nm, speed_rpm)
+            mean_kw += (1.0 - lag_mean(lag_s)) * power_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
             raise OperatingPointError(
                 f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
