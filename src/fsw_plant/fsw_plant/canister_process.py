@@ -22,16 +22,10 @@ from fsw_schema.models import InputError
 
 @dataclass(slots=True)
 class CanisterProcessState(ProcessState):
-    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used.
+    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used."""
 
-    Attributes
-    ----------
-    copper : deque of float
-        Deviation of the stir zone's temperature at the present tick and before it, as far as the dead time reaches,
-        oldest first.
-    canister : CanisterState
-    """
-
+    #: deviation of the stir zone's temperature at the present tick and before it, as far as the dead time reaches,
+    #: oldest first
     copper: deque[float]
     canister: CanisterState
 
@@ -43,11 +37,7 @@ class CanisterProcessState(ProcessState):
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
-    Parameters
-    ----------
-    parameters : ModelParameters
-        Of all but the copper's gain and lag.
-    canister : HeatModel
+    ``parameters`` are those of all but the copper's gain and lag.
     """
 
     def __init__(self, parameters: ModelParameters, canister: HeatModel) -> None:

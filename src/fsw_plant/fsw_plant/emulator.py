@@ -42,25 +42,16 @@ _REST_TICKS = 36_000
 
 
 class Reading(NamedTuple):
-    """The samples that the sensors send at a tick.
-
-    Attributes
-    ----------
-    tick : int
-    stamp_ns : int
-        Stamp of the tick.
-    depth_mm, torque_nm, temperature_c : tuple of Sample
-        One sample each while the sensor works; none when it drops out, two when it duplicates, one with an older
-        stamp when it is late.
-    drives : Command
-        Inputs that act, as the drives report them: input disturbances included, as a load cell sees them.
-    """
+    """The samples that the sensors send at a tick."""
 
     tick: int
-    stamp_ns: int
+    stamp_ns: int  #: of the tick
+    #: one sample each while the sensor works; none when it drops out, two when it duplicates, one with an older stamp
+    #: when it is late
     depth_mm: tuple[Sample, ...]
     torque_nm: tuple[Sample, ...]
     temperature_c: tuple[Sample, ...]
+    #: inputs that act, as the drives report them: input disturbances included, as a load cell sees them
     drives: Command
 
 
@@ -96,21 +87,6 @@ class PlantEmulator:
     schedule : PlantSchedule, optional
         Timed disturbances and faults.
 
-    Attributes
-    ----------
-    tick : int
-        The present tick.
-    stopped : str
-        Empty while the process runs. When the tool leaves the range of the model, the reason; the process then
-        stands still and is measured as it stood, until :meth:`reset`.
-    applied : Command
-        The command that the drives follow (the watchdog's while it has taken over).
-    gate : CommandGate
-        Counts the refused commands.
-    watchdog : Watchdog
-    disturbances, faults : dict
-        Those that are set, by channel and by sensor.
-
     Raises
     ------
     fsw_model.OperatingPointError
@@ -120,7 +96,7 @@ class PlantEmulator:
     def __init__(self, config: PlantConfig | None = None, schedule: PlantSchedule | None = None) -> None:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
-        self.tick = FIRST_TICK
+        self.tick = FIRST_TICK  #: the present one
         self._process = process_of(self.config)
         self._travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
@@ -139,12 +115,15 @@ class PlantEmulator:
         self._state, self._outputs = start.state.copy(), start.outputs
         self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
         self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
+        #: the command that the drives follow (the watchdog's while it has taken over)
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
+        #: empty while the process runs. When the tool leaves the range of the model, the reason; the process then
+        #: stands still and is measured as it stood, until :meth:`reset`
         self.stopped = ""
-        self.disturbances: dict[str, Disturbance] = {}
-        self.faults: dict[str, Fault] = {}
+        self.disturbances: dict[str, Disturbance] = {}  #: those that are set, by channel
+        self.faults: dict[str, Fault] = {}  #: those that are set, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._sensors = Sensors(config, start.outputs.temperature_c)

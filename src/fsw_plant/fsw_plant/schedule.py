@@ -61,14 +61,10 @@ class PlantSchedule:
         In any order; those of one time are applied in the order given.
     path : sequence of Waypoint
         Of the tool; for a plant on a canister.
-
-    Attributes
-    ----------
-    events : deque of PlantEvent
-        Those to come, in order of time.
     """
 
     def __init__(self, events: Iterable[PlantEvent] = (), path: Sequence[Waypoint] = ()) -> None:
+        #: those to come, in order of time
         self.events = deque(sorted(events, key=lambda event: event.at_s))
         self.path = tuple(path)
 
