@@ -162,19 +162,10 @@ def exact_stir_zone_c(
     dt_s: float,
     progress: Callable[[float], None] | None = None,
 ) -> Array:
-    """Temperature of the stir zone at the ends of the steps, from a cold canister, with all finite elements.
+    """Temperature of the stir zone at the ends of the steps of ``dt_s``, from a cold canister, all finite elements.
 
     The linear equations are solved exactly for inputs that are held for a step, as in the reduced model, but with all
     eigenvectors of a mode and with the loads of each position instead of a table.
-
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    course : ToolCourse
-    dt_s : float
-        A step.
-    progress : callable, optional
-        Called with the share that is done.
     """
     from scipy.linalg import eigh
 
