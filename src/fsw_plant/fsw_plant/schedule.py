@@ -81,6 +81,12 @@ class PlantSchedule:
         return due
 
     @classmethod
+    def of(cls, entries: Iterable[EventEntry], path: Sequence[Waypoint] = ()) -> PlantSchedule:
+        """That of a scenario's events, without those that are not for the plant."""
+        found = (entry.plant_event() for entry in entries)
+        return cls((event for event in found if event is not None), path)
+
+    @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
         """Read YAML text: a list of events or a scenario with ``events``; those not for the plant are ignored.
 
@@ -91,8 +97,7 @@ class PlantSchedule:
         """
         content = content_of(text, where)
         scenario = validate(_Scenario, content if isinstance(content, dict) else {"events": content}, where)
-        found = (event.plant_event() for event in scenario.events)
-        return cls((event for event in found if event is not None), scenario.path)
+        return cls.of(scenario.events, scenario.path)
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:
