@@ -26,7 +26,6 @@ from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
-from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
@@ -259,30 +258,13 @@ class PlantEmulator:
             tuple(map(str, self.faults.values())),
         )
 
-    def set_disturbance(
-        self, channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
-    ) -> None:
-        """Put a disturbance (see there) on a channel; ``none`` clears it.
+    def begin(self, event: PlantEvent) -> None:
+        """Let a disturbance or a fault begin now, or end with ``none``.
 
-        On an output it begins with the next tick measured, on an input with the next step.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If no scenario may hold it.
+        On an input it begins with the next step, else with the next tick measured.
         """
-        at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
-        self._begin(event_schema.disturbance(channel, shape, amplitude, duration_s, period_s, at_s))
-
-    def set_fault(self, sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
-        """Give a sensor a fault (see there), beginning with the next tick measured; ``none`` clears it.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If no scenario may hold it.
-        """
-        self._begin(event_schema.fault(sensor, kind, magnitude, duration_s, self._next_s()))
+        on_input = isinstance(event, Disturbance) and event.target not in OUTPUT_CHANNELS
+        self._begin(replace(event, at_s=self.time_s if on_input else self._next_s()))
 
     def _next_s(self) -> float:
         measured = self._reading is not None and self._reading.tick == self.tick
