@@ -175,6 +175,7 @@ def _pictures(
         named = {one.words: values for one, values in probes.items()}
         picture = heat_figures.HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
+            arguments.figure.parent.mkdir(parents=True, exist_ok=True)
             heat_figures.draw_heat(picture, moments_s, arguments.figure)
             words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
         if arguments.film is not None:

@@ -40,15 +40,11 @@ COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
 
 @contextmanager
 def sheet(width: float, height: float, path: Path | None = None, **options: Any) -> Iterator[Figure]:
-    """A figure of this size [inch], drawn in the block in this style; written there at its end, if anywhere, as PNG.
-
-    The folder is made if need be.
-    """
+    """A figure of this size [inch], drawn in the block in this style; written there at its end, if anywhere, as PNG."""
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained", **options)
         yield figure
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
             with replacing(path) as part:
                 figure.savefig(part, format="png")
 

@@ -44,7 +44,7 @@ class ModelParameters(Parameters):
         If a value is not finite, not physical, or beyond what the model's step of 0.1 s can do.
     """
 
-    what = "model parameters"
+    what = "model"
     example = "dead_time_s: 2.5"
 
     operating_force_kn: PositiveFloat = Field(default=78.4, description="paper (15)")
