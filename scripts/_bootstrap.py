@@ -75,6 +75,12 @@ def ensure(dev=False, oldest=False, extras=()):
     if "hmi" in extras and not shutil.which("npm"):  # brings what draws the trends of the page
         names = (*names, "node.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
+    inside = Path(sys.prefix).resolve() == home.resolve()
+    made_with = _made_with(home)
+    if not inside and made_with not in ("", _minor(sys.version)):
+        # nodes may be running in it
+        print(f"[set-up] {home.name} is of Python {made_with}; delete it to use {_minor(sys.version)}", file=sys.stderr)
+        _go_on(home)
     if not _is_ready(home, locks):
         try:
             with open(home.with_suffix(".lock"), "w") as turn:
@@ -87,12 +93,17 @@ def ensure(dev=False, oldest=False, extras=()):
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
-    if Path(sys.prefix).resolve() != home.resolve():
-        python = str(_python(home))
-        if INTERRUPTIBLE:  # it waits until the next interpreter is here
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        os.execv(python, [python, *sys.argv])
+    if not inside:
+        _go_on(home)
     _on_interrupt(signal.default_int_handler)
+
+
+def _go_on(home):
+    """Run this script again, by the interpreter of an environment."""
+    python = str(_python(home))
+    if INTERRUPTIBLE:  # it waits until the next interpreter is here
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    os.execv(python, [python, *sys.argv])
 
 
 def _on_interrupt(handler):
@@ -122,6 +133,19 @@ def start(module, extras=()):
 
 def _python(home):
     return home / "bin" / "python"
+
+
+def _minor(version):
+    return ".".join(version.split(".")[:2])
+
+
+def _made_with(home):
+    """Python's version, as in "3.11", of an environment that can be used; else nothing."""
+    try:
+        lines = (home / "pyvenv.cfg").read_text().splitlines() if _python(home).exists() else []
+    except OSError:
+        return ""
+    return next((_minor(line.split("=")[1].strip()) for line in lines if line.startswith("version =")), "")
 
 
 def _stamp(lock):

@@ -1,12 +1,10 @@
 """How the graph ends: cleanly, whoever ends it and when."""
 
 import os
-import select
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,7 +19,7 @@ from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import load
 from fsw_scenario.scenario_node import main as play
-from fsw_test_support.waiting import PATIENCE_S, wait_for_text
+from fsw_test_support.waiting import PATIENCE_S, has_ended, wait_for_text
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
@@ -108,8 +106,7 @@ def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
         demo.kill()
         demo.wait()
     for pid in processes_with(str(out)):
-        with suppress(ProcessLookupError):
-            assert select.select([os.pidfd_open(pid)], [], [], PATIENCE_S)[0], f"process {pid} has not ended"
+        assert has_ended(pid), f"process {pid} has not ended"
     assert not processes_with(str(out))
 
 

@@ -83,6 +83,25 @@ def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
     assert ran.returncode == 1 and "Traceback" not in ran.stderr and str(tmp_path / ".venv") in ran.stderr
 
 
+def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
+    """Nodes may be running in it. By a copy of the folder, whose environment tells what it is asked to run."""
+    (tmp_path / "scripts").mkdir()
+    script = tmp_path / "scripts" / "run.py"
+    script.write_text("import _bootstrap\n_bootstrap.ensure()\n")
+    script.with_name("_bootstrap.py").write_text((SCRIPTS / "_bootstrap.py").read_text())
+    environment = dict(os.environ)
+    environment.pop("ROS_DISTRO", None)
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\necho ran $*\n")
+    python.chmod(0o755)
+    (tmp_path / ".venv" / "pyvenv.cfg").write_text("home = /nowhere\nversion = 3.99.1\n")
+    command = [sys.executable, str(script), "an argument"]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False, env=environment)
+    assert (ran.returncode, ran.stdout) == (0, f"ran {script} an argument\n")
+    assert "is of Python 3.99; delete it to use" in ran.stderr and python.read_text().startswith("#!/bin/sh")
+
+
 def test_output_that_nobody_reads():
     command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
     ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False)

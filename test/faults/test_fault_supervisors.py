@@ -45,7 +45,7 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
 
 @pytest.mark.real_time
 @pytest.mark.requirement("S9")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.full), signal.SIGSTOP])
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
     weld.restore()
     weld.until(

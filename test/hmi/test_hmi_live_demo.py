@@ -48,6 +48,7 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
 
 
 @pytest.mark.requirement("S34")
+@pytest.mark.full
 def test_what_is_killed_is_started_again_and_an_interrupt_ends_everything(demo, tmp_path):
     child, url, token = demo(LONG)
     parts = {"recorder": "fsw_recorder", "decentral": "fsw_decentral", "nmpc": "fsw_nmpc.", "hmi": "fsw_hmi"}

@@ -49,7 +49,7 @@ def test_part_ends_and_is_started_again_at_once(weld, name):
 
 
 @pytest.mark.requirement("S14")
-@pytest.mark.parametrize("name", ["supervisor", "gateway"])
+@pytest.mark.parametrize("name", [pytest.param("supervisor", marks=pytest.mark.full), "gateway"])
 def test_the_heartbeat_ends(weld, name):
     """The machine's watchdog takes over; what is started again begins from there."""
     weld.end(name, signal.SIGKILL)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import select
+import selectors
 import sys
 from typing import Any
 
@@ -79,13 +79,15 @@ def test_peer_reads(node: Any, peer: Any, spinner: Any, kind: str) -> None:
     publisher = node.create_publisher(String, "chatter", 10)
     process = peer(kind, "reads")
     assert spinner.until(lambda: publisher.get_subscription_count() == 1)
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
 
-    def answered() -> bool:
-        """What comes before the peer knows of our writer may be lost."""
-        publisher.publish(String(data="hello"))
-        return bool(select.select([process.stdout], [], [], 0.0)[0])
+        def answered() -> bool:
+            """What comes before the peer knows of our writer may be lost."""
+            publisher.publish(String(data="hello"))
+            return bool(selector.select(0.0))
 
-    assert spinner.until(answered)
+        assert spinner.until(answered)
     assert process.stdout.readline().strip() == "got"
 
 

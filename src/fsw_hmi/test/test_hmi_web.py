@@ -342,7 +342,7 @@ def test_junk_instead_of_frames_does_no_harm(server, pieces):
             page.socket.socket.sendall(piece)
     except OSError:
         pass  # shut out already
-    page.socket.socket.close()
+    page.socket.close_socket()
     with server.open() as other:
         assert other.receive()["t"] == "hello"
     assert server.orders.empty()

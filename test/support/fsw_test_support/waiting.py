@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import selectors
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -20,6 +22,20 @@ def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = PATIE
     while not condition():
         assert time.monotonic() < end_s, f"waited {timeout_s:g} s in vain for {what}"
         time.sleep(0.01)
+
+
+def has_ended(pid: int, timeout_s: float = PATIENCE_S) -> bool:
+    """Whether a process, also one that is no child of this one, ends within a time."""
+    try:
+        process = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        with selectors.DefaultSelector() as selector:
+            selector.register(process, selectors.EVENT_READ)
+            return bool(selector.select(timeout_s))
+    finally:
+        os.close(process)
 
 
 def wait_for_text(launcher: Launcher, name: str, pattern: str, timeout_s: float = PATIENCE_S) -> str:
