@@ -44,9 +44,8 @@ _DEVIATIONS = (
 )
 _SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
 _DOUBTS = {
-    Doubt.LATE: "the response to the power is later than the model's",
-    Doubt.ALTERNATING: "what passes for heat changes its sign",
-    Doubt.MISFIT: "no gain and delay of the power explain the temperature",
+    Doubt.LATE: "what passes for heat may be a late response to the power, so it is not used",
+    Doubt.MISFIT: "no gain and delay of the power explain the temperature, so a gain below the model's is not used",
 }
 _STATUS_TEXTS = {
     SolveStatus.OK: "solved",
@@ -223,7 +222,7 @@ class NmpcController:
 
     def _doubt(self) -> str:
         doubt = _DOUBTS.get(self.library.output.doubt, "")
-        return doubt and f"adapting with caution: {doubt}, so heat is estimated only while the power rests"
+        return doubt and f"adapting with caution: {doubt}"
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.

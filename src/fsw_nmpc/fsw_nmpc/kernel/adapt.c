@@ -17,7 +17,6 @@
 #define CERTAIN 3.0            /* standard deviations */
 #define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
 #define DELAY_STEP_S 0.05      /* likewise */
-#define LATE_S 0.5             /* a response that is later makes what passes for heat a part of it */
 #define MISFIT_KEEP 0.98       /* about five seconds */
 #define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
 
@@ -27,7 +26,7 @@ static int is_adapting(const fsw_nmpc_tuning *t) { return t->walk[FSW_THERMAL_GA
 
 void fsw_adaptation_start(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
-  a->rival.started = 0;
+  a->rival.started = a->is_refuted = 0;
   a->evidence = a->delay_s = a->heat_kw = 0.0;
   a->gain = a->misfit = 1.0;
 }
@@ -85,36 +84,22 @@ static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
   }
 }
 
-/* Whether the temperature contradicts any gain and delay within both ranges; until the power has come to rest. Then its
- * innovations are not those of heat that the model lacks, either. */
+/* Whether the temperature contradicts any gain and delay within both ranges; until the power has come to rest. */
 static void judge_fit(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
-  fsw_estimator *e = &c->estimator;
+  const fsw_estimator *e = &c->estimator;
   if (!e->heated_ticks || !is_adapting(&c->tuning)) {
     a->misfit = 1.0;
-    e->is_refuted = a->rival.is_refuted = 0;
+    a->is_refuted = 0;
     return;
   }
   if (e->expected[TEMPERATURE] > 0.0) a->misfit += (1.0 - MISFIT_KEEP) * (square_of(e, &c->tuning) - a->misfit);
-  if (a->misfit > LARGEST_MISFIT) e->is_refuted = a->rival.is_refuted = 1;
+  if (a->misfit > LARGEST_MISFIT) a->is_refuted = 1;
 }
 
-/* Why nothing is taken for heat now. */
 fsw_doubt fsw_doubt_of(const fsw_nmpc *c) {
-  const fsw_estimator *e = &c->estimator;
-  if (!e->heated_ticks || !(c->tuning.heat_sigmas > 0.0)) return FSW_DOUBT_NOTHING;
-  if (e->is_refuted) return FSW_DOUBT_MISFIT;
-  if (e->x[FSW_DELAY] > LATE_S) return FSW_DOUBT_LATE;
-  return e->doubt_ticks ? FSW_DOUBT_ALTERNATING : FSW_DOUBT_NOTHING;
-}
-
-/* What both estimators doubt: the one in use decides, or its rival would explain with heat what the other one may not, and
- * win by that. */
-static void doubt_heat(fsw_nmpc *c) {
-  fsw_estimator *e = &c->estimator, *rival = &c->adaptation.rival;
-  const int least = e->x[FSW_DELAY] > LATE_S ? 2 : 0; /* of which the coming tick takes one */
-  if (e->doubt_ticks < least) e->doubt_ticks = least;
-  if (rival->doubt_ticks < e->doubt_ticks) rival->doubt_ticks = e->doubt_ticks;
+  if (c->adaptation.is_refuted) return FSW_DOUBT_MISFIT;
+  return c->estimator.is_doubtful ? FSW_DOUBT_LATE : FSW_DOUBT_NOTHING;
 }
 
 /* The value nearest to the model's that is within CERTAIN standard deviations of the estimate. */
@@ -139,9 +124,8 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
   compete(c, in);
   judge_fit(c);
-  doubt_heat(c);
   const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
-  a->gain = fsw_clip(e->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
+  a->gain = fsw_clip(a->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
   a->heat_kw = heat_in_use(c);
   return 1;

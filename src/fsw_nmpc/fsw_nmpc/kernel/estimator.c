@@ -15,8 +15,9 @@
  * Innovations of the depth that have one sign for a second are a drift: likewise their excess widens the variance of the
  * offset's rate, which is small at rest, so that noise moves the force little. The rate of the temperature's offset has no
  * such test: with its dead time, and a gain that is not the model's, the loop would not be stable. Where gain and delay of
- * the power are estimated, innovations of the temperature that keep their sign for ten seconds are heat: it would pass for
- * an offset of tens of degC before its own random walk has found it, and an offset that leaks is an error that stays. */
+ * the power are estimated, innovations of the temperature that keep their sign are heat, as far as no later response to the
+ * power explains them: it would pass for an offset of tens of degC before its own random walk has found it, and an offset
+ * that leaks is an error that stays. */
 #include <math.h>
 
 #include "internal.h"
@@ -35,11 +36,13 @@
 /* share of the recent innovations' sum that is left after a tick: it covers about a second */
 #define RECENT_KEEP 0.9
 #define LASTING_KEEP 0.99 /* likewise for the temperature, about ten seconds */
+#define STEADY_MOST 1.0   /* largest innovation in the sum that tells whether they last, in deviations */
+#define STEADY_SUM 57.0   /* by this sum they do: eight seconds of one sign, where they are large; */
+#define LONG_TICKS 150    /* so long beyond the test's bound, where they are small */
+#define START_TICKS 30    /* at the start they need not, as nothing has jumped */
 #define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
 #define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
 #define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
-#define ALTERNATING_TICKS 300 /* heat of the other sign within so long is none */
-#define DOUBT_TICKS 600       /* then nothing is taken for it for so long, unless the power rests */
 #define LEAST_THERMAL_GAIN 0.5
 #define LARGEST_THERMAL_GAIN 2.0
 #define LARGEST_DELAY_S 1.0    /* either way from the middle of its range, and no more than half the dead time */
@@ -165,9 +168,12 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->recent = e->lasting = e->heat_kw = 0.0;
-  e->heat_ticks = e->doubt_ticks = 0;
-  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = e->is_refuted = 0;
+  e->recent = e->lasting = e->steady = 0.0;
+  e->is_doubtful = e->long_ticks = 0;
+  e->start_ticks = START_TICKS;
+  for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
+  for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
+  e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
   return e->started = is_sound(e, m);
 }
@@ -212,6 +218,20 @@ static void note_power(fsw_estimator *e, const fsw_nmpc_model *m) {
   }
   if (most - least > HEATED_KW) e->heated_ticks = HEATED_TICKS + m->n_history;
   else if (e->heated_ticks > 0) e->heated_ticks--;
+}
+
+/* A tick of the error that the states have if the power arrives later by 1 s than estimated, with gain and delay as they
+ * are; likewise every update. */
+static void predict_by_delay(fsw_estimator *e) {
+  double before[N];
+  for (int i = 0; i < N; i++) before[i] = e->by_delay[i];
+  before[FSW_DELAY] = 1.0;
+  before[FSW_THERMAL_GAIN] = 0.0;
+  for (int i = 0; i < N; i++) {
+    double sum = 0.0;
+    for (int j = 0; j < N; j++) sum += e->a[i][j] * before[j];
+    e->by_delay[i] = sum;
+  }
 }
 
 /* p = a p a' + walk */
@@ -337,6 +357,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   for (int k = m->n_history + FSW_LATER - 1; k > 0; k--) e->power[k] = e->power[k - 1];
   e->power[0] = newest[0] + 0.5 * newest[1] + newest[2] * lag * (1.0 - motor_decay);
   note_power(e, m);
+  predict_by_delay(e);
   predict_covariance(e, t);
 }
 
@@ -367,7 +388,12 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
   }
   double gain[N]; /* with that of a held state at zero, the update is Schmidt's */
   for (int i = 0; i < N; i++) gain[i] = is_held(e, i) ? 0.0 : cross[i] / expected;
-  for (int i = 0; i < N; i++) e->x[i] += gain[i] * innovation;
+  double by_delay = 0.0;
+  for (int i = 0; i < N; i++) by_delay += row[i] * e->by_delay[i];
+  for (int i = 0; i < N; i++) {
+    e->x[i] += gain[i] * innovation;
+    e->by_delay[i] -= gain[i] * by_delay;
+  }
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) e->p[i][j] -= gain[i] * cross[j] + (cross[i] - gain[i] * expected) * gain[j];
 }
@@ -383,25 +409,43 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   e->recent = 0.0;
 }
 
+/* What of the temperature's lasting innovations no later response to the power explains. If the power arrives 1 s later than
+ * estimated, the newest one is `by_delay`, as far as that is linear. If it arrives later by any other time, it is the integral
+ * of `by_delay` over that time back; and a probe that lags mixes such times. */
+static double unexplained(fsw_estimator *e, double by_delay) {
+  double sum = 0.0, low = 0.0, high = 0.0;
+  for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
+  e->by_later[0] = LASTING_KEEP * e->by_later[1] + by_delay;
+  for (int k = 0; k < FSW_SLOWER; k++) {
+    sum += FSW_TICK_S * e->by_later[k];
+    low = sum < low ? sum : low;
+    high = sum > high ? sum : high;
+  }
+  return e->lasting - fsw_clip(e->lasting, low, high);
+}
+
 /* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
  * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
- * such a rate. */
-static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
-  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0) || e->is_refuted) return;
+ * such a rate. They have to last, because a jump that a slow thermocouple shows by and by makes some, too. */
+static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, double by_delay) {
+  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
-  if (e->heat_ticks < ALTERNATING_TICKS) e->heat_ticks++;
-  if (e->doubt_ticks > 0) e->doubt_ticks--;
-  e->lasting = LASTING_KEEP * e->lasting + fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
-  const double variance = 1.0 / (1.0 - LASTING_KEEP * LASTING_KEEP);
-  if (!(e->lasting * e->lasting > t->heat_sigmas * t->heat_sigmas * variance)) return;
+  const double innovation = fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
+  e->lasting = LASTING_KEEP * e->lasting + innovation;
+  e->steady = LASTING_KEEP * e->steady + fsw_clip(innovation, -STEADY_MOST, STEADY_MOST);
+  const double least = t->heat_sigmas / sqrt(1.0 - LASTING_KEEP * LASTING_KEEP);
+  const double rest = unexplained(e, by_delay / deviation);
+  e->long_ticks = fabs(rest) > least ? e->long_ticks + 1 : 0;
+  const int lasts = e->start_ticks > 0 || fabs(e->steady) > STEADY_SUM || e->long_ticks > LONG_TICKS;
+  if (e->start_ticks > 0) e->start_ticks--;
+  e->is_doubtful = lasts && fabs(e->lasting) > least && fabs(rest) <= least;
+  if (!lasts || fabs(rest) <= least) return;
   const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
-  const double rate = share * (1.0 - LASTING_KEEP) * e->lasting * deviation / FSW_TICK_S;
+  const double rate = share * (1.0 - LASTING_KEEP) * rest * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
-  e->lasting = 0.0;
-  if (e->heated_ticks && e->heat_ticks < ALTERNATING_TICKS && e->heat_kw * heat < 0.0) e->doubt_ticks = DOUBT_TICKS;
-  e->heat_kw = heat;
-  e->heat_ticks = 0;
-  if (!(e->heated_ticks && e->doubt_ticks)) e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
+  e->lasting -= rest;
+  e->steady = 0.0;
+  e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
 }
 
 static void clear_row(double row[N]) {
@@ -440,8 +484,9 @@ static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
     clear_row(row);
     clear_row(jumping);
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
+    const double by_delay = e->by_delay[FSW_TOOL] + e->by_delay[FSW_TEMP_OFFSET];
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
-    widen_heat(e, m, t);
+    widen_heat(e, m, t, by_delay);
   }
   e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);

@@ -35,6 +35,7 @@ enum {
   FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
   FSW_LATER = 32,                            /* ticks by which the power may arrive later than in the model */
   FSW_LATEST = 20,                           /* ticks by which a drive may be late */
+  FSW_SLOWER = 40,                           /* ticks by which a response may be later than estimated, and is no heat */
   FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
   FSW_MODES = 10,
   FSW_STATES = 15,
@@ -152,12 +153,11 @@ typedef enum {
   FSW_OUT_OF_BOUNDS
 } fsw_reason;
 
-/* Why the temperature's innovations are not taken for heat that the model lacks: only a power at rest tells it then. */
+/* Why the adaptation is cautious. */
 typedef enum {
   FSW_DOUBT_NOTHING,
-  FSW_DOUBT_LATE,                          /* the response to the power is later than the model's */
-  FSW_DOUBT_ALTERNATING,                   /* what passes for heat changes its sign: it is the response to the power */
-  FSW_DOUBT_MISFIT                         /* no gain and delay fit: the gain in use is no less than the model's, either */
+  FSW_DOUBT_LATE,                          /* what passes for heat may be a late response to the power, and is not used */
+  FSW_DOUBT_MISFIT                         /* no gain and delay fit: the gain in use is no less than the model's */
 } fsw_doubt;
 
 /* Sensors missing for too long, as bits. */
@@ -212,12 +212,14 @@ typedef struct {
   int heated_ticks;                        /* so long is the power's effect still in what the sensor shows */
   int is_telling;                          /* whether it is, and the sensor shows it: gain and delay are estimated */
   int is_late;                             /* whether the delay is sought in its later range */
-  int is_refuted;                          /* whether no gain and delay fit: then nothing is taken for heat */
   double recent;                           /* fading sum of the depth's innovations, each in its deviation */
   double lasting;                          /* likewise of the temperature's, fading more slowly */
-  double heat_kw;                          /* last heat that they showed, and how many ticks ago */
-  int heat_ticks;
-  int doubt_ticks;                         /* so long is nothing taken for heat while the power tells anything */
+  double steady;                           /* and of those, each up to a smaller bound: whether they last */
+  int long_ticks;                          /* for which the sum has been beyond the bound of the test */
+  int start_ticks;                         /* left in which they need not, as nothing has jumped */
+  double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
+  double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
+  int is_doubtful;                         /* whether a later response explains innovations that last */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 
@@ -225,6 +227,7 @@ typedef struct {
 typedef struct {
   fsw_estimator rival;                     /* started while the power tells anything */
   double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
+  int is_refuted;                          /* whether no gain and delay fit */
   double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
   double gain, delay_s, heat_kw;           /* in use */
   double power_kw;                         /* mean power deviation of about the copper's lag */
