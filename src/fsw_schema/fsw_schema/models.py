@@ -140,15 +140,7 @@ def needs_one(entry: M, *keys: str) -> M:
 
 
 def validate(model: type[M], content: Any, where: str) -> M:
-    """Content of a file or a request as a model.
-
-    Parameters
-    ----------
-    model : type of Model
-    content : Any
-        As YAML or JSON has it.
-    where : str
-        The file or the request, for the message.
+    """Content of a file or a request, as YAML or JSON has it, as a model; ``where`` names it in the message.
 
     Raises
     ------
