@@ -4,6 +4,7 @@ import pytest
 
 from fsw_control import weld
 from fsw_plant import PlantConfig, PlantEmulator
+from fsw_plant.event_schema import disturbance, fault
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
 from fsw_supervisor.state_machine import Mode
 
@@ -59,9 +60,9 @@ def test_interlock_trips_into_a_safe_stop(interlock):
     assert loop.run(10) is Mode.AUTO
     for cause, target, amplitude in _CAUSES[interlock]:
         if cause == "fault":
-            loop.plant.set_fault(target, "bias", amplitude)
+            loop.plant.begin(fault(target, "bias", amplitude))
         else:
-            loop.plant.set_disturbance(target, "step", amplitude)
+            loop.plant.begin(disturbance(target, "step", amplitude))
     assert loop.run(10) is Mode.SAFE_STOP
     assert f"interlock: {interlock} is trip" in "\n".join(
         f"{event.who}: {event.text}" for event in loop.arbiter.machine.events
@@ -73,7 +74,7 @@ def test_interlock_trips_into_a_safe_stop(interlock):
 def test_a_push_that_no_command_asked_for_trips_though_the_command_stays_in_its_bounds():
     loop = Loop()
     loop.run(10)
-    loop.plant.set_disturbance("axial_force", "step", 97.2 - weld.FORCE_KN)
+    loop.plant.begin(disturbance("axial_force", "step", 97.2 - weld.FORCE_KN))
     for _ in range(3):
         assert loop.run(1) is Mode.AUTO, "a spike is no trip"
         assert loop.arbiter.applied == loop.start
@@ -85,7 +86,7 @@ def test_a_drives_sample_that_is_lost_hides_nothing():
     """Two of three drive samples are lost; the last one stands in, as with the sensors."""
     loop = Loop()
     loop.run(10)
-    loop.plant.set_disturbance("axial_force", "step", 97.2 - weld.FORCE_KN)
+    loop.plant.begin(disturbance("axial_force", "step", 97.2 - weld.FORCE_KN))
     loop.tick()
     hear, count = loop.arbiter.on_drives, [0]
 

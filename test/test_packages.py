@@ -42,7 +42,7 @@ MAY_IMPORT = {
     },
     "fsw_export": {
         *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),
-        "fsw_scenario",
+        *("fsw_analysis", "fsw_scenario"),
     },
     "fsw_campaign": {
         *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),

@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure as Canvas
 
 from adaptive_nmpc.search import JUDGED_BY, STEADY_C, is_steady
 from adaptive_nmpc.search import ratio as harm
 from adaptive_nmpc.study import ADAPTIVE, COLUMNS, FIXED, NOISE_SEEDS, NOISY_PLANTS, RIVALS, SEED, ran
 from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
-from fsw_analysis.figure_style import STYLE, colours_of
+from fsw_analysis.figure_style import colours_of, sheet
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.report import table, templates
 from fsw_analysis.weld_signals import WeldSignals
@@ -227,8 +225,7 @@ def page(data: Mapping[str, Any]) -> str:
 
 def draw(welds: Mapping[str, WeldSignals], path: Path) -> None:
     """Depth, temperature and speed where the speed is at its bound."""
-    with rc_context(STYLE):
-        canvas = Canvas(figsize=(9.0, 7.0), layout="constrained")
+    with sheet(9.0, 7.0, path) as canvas:
         axes = canvas.subplots(3, 1, sharex=True)
         for (name, signals), colour in zip(welds.items(), colours_of(list(welds)), strict=True):
             truth = signals.truth
@@ -241,4 +238,3 @@ def draw(welds: Mapping[str, WeldSignals], path: Path) -> None:
         axes[0].legend(fontsize=8.0)
         axes[2].set_xlabel("time [s]")
         canvas.suptitle("Torque × 0.85, depth 0.2 mm down at 10 s: the speed is at its bound", fontsize=11.0)
-        canvas.savefig(path)

@@ -30,20 +30,11 @@ _MOST_ITERATIONS = 60
 
 @dataclass(frozen=True)
 class FullState:
-    """Heat in every node.
+    """Heat in every node."""
 
-    Attributes
-    ----------
-    theta : (modes, size) complex array
-        Theta (``copper.py``) of the Fourier modes.
-    heat : (modes, size) complex array
-        Mass matrix times the heat stored in a volume since ambient.
-    angle_rad, axial_mm : float
-        Place of the tool.
-    """
-
-    theta: Complex
-    heat: Complex
+    theta: Complex  #: (modes, size) theta (``copper.py``) of the Fourier modes
+    heat: Complex  #: (modes, size) mass matrix times the heat stored in a volume since ambient
+    #: place of the tool
     angle_rad: float = 0.0
     axial_mm: float = 0.0
 
@@ -51,13 +42,8 @@ class FullState:
 class FullCanister:
     """All finite elements of the canister's end, with a fixed step.
 
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    step_s : float
-    nonlinear : bool
-        Take c(T) and radiation as they are, and k(T) unless the properties are constant: what the reduced model
-        makes linear.
+    ``nonlinear``: take c(T) and radiation as they are, and k(T) unless the properties are constant: what the reduced
+    model makes linear.
     """
 
     def __init__(self, parameters: CanisterParameters, step_s: float, nonlinear: bool = False) -> None:
@@ -176,19 +162,10 @@ def exact_stir_zone_c(
     dt_s: float,
     progress: Callable[[float], None] | None = None,
 ) -> Array:
-    """Temperature of the stir zone at the ends of the steps, from a cold canister, with all finite elements.
+    """Temperature of the stir zone at the ends of the steps of ``dt_s``, from a cold canister, all finite elements.
 
     The linear equations are solved exactly for inputs that are held for a step, as in the reduced model, but with all
     eigenvectors of a mode and with the loads of each position instead of a table.
-
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    course : ToolCourse
-    dt_s : float
-        A step.
-    progress : callable, optional
-        Called with the share that is done.
     """
     from scipy.linalg import eigh
 

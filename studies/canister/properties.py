@@ -26,19 +26,8 @@ def properties(
 ) -> dict[str, Any]:
     """Temperatures of the stir zone along the path of the whole weld, heated by a constant power from cold.
 
-    Parameters
-    ----------
-    minutes : float
-        How long.
-    progress : callable, optional
-        Called with the share that is done.
-    changes : dict, optional
-        Parameters of the canister in the place of the scenario's.
-
-    Returns
-    -------
-    dict
-        ``at_s``, ``phase`` and, by model, ``stir_zone_c``: of each step.
+    Of each step ``at_s``, ``phase`` and, by model, ``stir_zone_c``. ``changes`` are parameters of the canister in the
+    place of the scenario's.
     """
     scenario = scenario_file.load(_SCENARIO)
     config = PlantConfig.from_values(scenario.plant)

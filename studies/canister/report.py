@@ -330,18 +330,15 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     Each with its figure.
     """
     pages = templates(Path(__file__).parent)
+    pages.globals |= globals()  # the functions above make the rows of tables
     limits = {"window": WINDOW_C, "depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C, "at_most_s": AT_MOST_S}
-    functions = [table, shares, figures, identified, responses, best_of, against, beyond, differences, powers]
-    functions += [coppers, compacts, worst_copper, decoupled]
     pictures = {
         **({"canister": draw} if data["validation"] else {}),
         **({"canister-verdict": draw_shares} if data["verdict"]["phases"] else {}),
     }
     written = []
     for name, picture in pictures.items():
-        text = pages.get_template(f"{name}.md.j2").render(
-            **data, limits=limits, tolerance_k=TOLERANCE_K, **{one.__name__: one for one in functions}
-        )
+        text = pages.get_template(f"{name}.md.j2").render(**data, limits=limits, tolerance_k=TOLERANCE_K, table=table)
         page, figure = folder / f"{name}.md", folder / f"{name}.png"
         page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
         picture(data, figure)

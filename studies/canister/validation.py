@@ -231,13 +231,12 @@ def compact_errors(parameters: CanisterParameters) -> list[dict[str, Any]]:
 
 
 def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
-    """The whole weld: mean power of each minute and of each phase, and how fast the spindle turns."""
+    """The whole weld: mean power of each minute and of each phase."""
     assert signals.truth is not None
     power = signals.truth.process_power_kw
     phases = spans(scenario.phases, signals.n_ticks * TICK_S)
     return {
         "minutes_kw": [float(one.mean()) for one in np.array_split(power, range(600, power.size, 600))],
-        "minutes_rpm": [float(one.mean()) for one in np.array_split(signals.speed_rpm, range(600, power.size, 600))],
         "phases_kw": {n: float(power[round(b / TICK_S) : round(e / TICK_S)].mean()) for n, b, e in phases},
         "phases_s": {name: [begin, end] for name, begin, end in phases},
     }

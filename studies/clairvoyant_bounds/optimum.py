@@ -47,13 +47,7 @@ class Optimum:
 
 
 class Clairvoyant:
-    """Computes optima of events from rest, on the paper's process.
-
-    Parameters
-    ----------
-    window_s : float
-        How far a program looks; the error after it does not count.
-    """
+    """Computes optima of events from rest, on the paper's process; what comes after ``window_s`` does not count."""
 
     def __init__(self, window_s: float = 40.0) -> None:
         self.model = ProcessModel()
@@ -70,13 +64,8 @@ class Clairvoyant:
     ) -> Optimum:
         """Minimise ``per_mm`` times the depth's IAE plus ``per_c`` times the temperature's.
 
-        Parameters
-        ----------
-        rest, goal : Reference
-            Where the process rests, and where it has to go; with a disturbance of an output, less the disturbance.
-        per_mm, per_c : float
-        generator : numpy.random.Generator, optional
-            Start the search with random force and speed within their limits; by default with those at rest.
+        The process rests at ``rest`` and has to go to ``goal``; with a disturbance of an output, less the disturbance.
+        With a ``generator`` the search starts with random force and speed within their limits, else with those at rest.
         """
         n, p = self._ticks, self.model.parameters
         start = self.model.equilibrium(rest.depth_mm, rest.temperature_c)

@@ -95,6 +95,11 @@ def sweep_rows(data: Mapping[str, Any]) -> Rows:
     return rows
 
 
+def model_rows(data: Mapping[str, Any]) -> Rows:
+    """IAE on other models."""
+    return [["model", *JUDGED.values()], *([name, *_judged(runs)] for name, runs in data.items())]
+
+
 def worse(data: Mapping[str, Any]) -> list[str]:
     """Where the default NMPC is worse than the conservative PI on the same plant."""
     return [
@@ -225,31 +230,9 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
 def pages(data: Mapping[str, Any]) -> dict[str, str]:
     """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
     environment = templates(Path(__file__).parent)
-    functions = (
-        errors,
-        other_output,
-        totals,
-        sweep_rows,
-        worse,
-        margin_rows,
-        matched_rows,
-        matched_share,
-        small_rows,
-        sensing_rows,
-        swinging,
-        lag_rows,
-        corridor_rows,
-        knob_rows,
-        random_rows,
-        loss_rows,
-    )
-    environment.globals |= {function.__name__: function for function in (*functions, table, failed, ratios, quantiles)}
+    environment.globals |= globals()  # the functions above make the rows of tables
     environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
-    environment.globals |= {
-        "default": DEFAULT,
-        "matched_label": MATCHED,
-        "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
-    }
+    environment.globals |= {"default": DEFAULT, "matched_label": MATCHED, "ratios": ratios}
     parts = {
         **dict.fromkeys(
             ("below_noise", "bounds", "corridors", "margins", "matched", "other_models", "random", "sensing", "wins")

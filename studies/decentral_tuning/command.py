@@ -8,10 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fsw_decentral
-from fsw.command import FORCE
 from fsw.console import print_table
-from fsw.errors import exit_code
-from fsw.outputs import check_new, write_json, write_text
+from fsw.outputs import write_text
 from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
@@ -30,11 +28,11 @@ MISMATCH = {
 }
 
 
-def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
+def report(sets: dict[str, Gains]) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
     rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
     print_table(rows, ["gain", *sets], words=1)
-    figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
+    figures = {name: robustness(gains, nominal()) | errors(gains) for name, gains in sets.items()}
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
     rows = []
     for key in next(iter(figures.values())):
@@ -45,7 +43,7 @@ def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dic
     print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances")
     rows = []
     for label, factors in MISMATCH.items():
-        other = parameters.scaled(**factors)
+        other = nominal().scaled(**factors)
         rows.append([label, *(_on_other_process(gains, other) for gains in sets.values())])
     print_table(rows, ["process", *sets], words=1)
     return figures
@@ -85,26 +83,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--check", action="store_true", help="assess the shipped gains, do not search")
     parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the others are as shipped")
-    parser.add_argument("--model", type=Path, metavar="FILE", help="YAML with model parameters other than the paper's")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write gains and figures as JSON")
-    FORCE(parser)
     parsed = parser.parse_args(arguments)
-    if parsed.write and (parsed.model or parsed.check):
-        parser.error("--write is for gains searched for on the paper's process: leave out --model and --check")
-    return exit_code(lambda: _run(parsed))
-
-
-def _run(parsed: argparse.Namespace) -> int:
-    parameters = nominal() if parsed.model is None else ModelParameters.from_file(parsed.model)
-    check_new([parsed.json], parsed.force)
+    if parsed.write and parsed.check:
+        parser.error("--write is for gains that were searched for: leave out --check")
     sets = dict(tunings())
     for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else NAMES:
         with ProgressBar(f"tuning {name}") as bar:
-            sets[name] = tune(name, parameters, parsed.evaluations, bar)
-    figures = report(sets, parameters)
-    write_json(parsed.json, {name: {"gains": dict(sets[name]), "figures": found} for name, found in figures.items()})
+            sets[name] = tune(name, nominal(), parsed.evaluations, bar)
+    figures = report(sets)
     if parsed.write:
         write_text(Path(fsw_decentral.__file__).parent / "tunings.yaml", as_yaml(sets, figures))
     return 0

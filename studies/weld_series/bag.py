@@ -70,27 +70,10 @@ def write(
     parameters: Mapping[str, Mapping[str, Any]],
     actions: Actions,
 ) -> None:
-    """Write the bag of a weld.
+    """Write the bag of a weld into a new folder; BagError if that exists or cannot be written.
 
-    Parameters
-    ----------
-    folder : Path
-        The bag's, new.
-    scenario : Scenario
-        What was welded.
-    signals : WeldSignals
-        Of ``ClosedLoop``; its set-points of the programme are those that are told as the programme's.
-    custom : mapping of str to str
-        Canister, lid, tool and machine.
-    parameters : mapping of str to mapping
-        Of each controller, by its name.
-    actions : mapping of int to mapping
-        What an operator did, by tick.
-
-    Raises
-    ------
-    fsw_recorder.errors.BagError
-        The folder exists or cannot be written.
+    ``signals`` are of ``ClosedLoop``, with the programme's set-points as they are to be reported; ``custom`` has
+    canister, lid, tool and machine, ``parameters`` those of each controller, ``actions`` what an operator did, by tick.
     """
     definitions, began_ns, count = Definitions(), time.time_ns(), 0
     texts = {kind: interface_definition(kind) for kind in TOPICS.values()}

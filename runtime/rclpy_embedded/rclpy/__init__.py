@@ -48,7 +48,6 @@ def init(
 
 
 def get_global_executor() -> Executor:
-    """Return the executor that the spin functions use by default."""
     global _executor
     executor = _executor
     if executor is None:
@@ -103,7 +102,6 @@ def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: floa
 
 
 def spin(node: Node, executor: Executor | None = None) -> None:
-    """Run the callbacks of a node until shutdown."""
     with _holding(node, executor) as executor:
         while executor.context.ok():
             executor.spin_once()

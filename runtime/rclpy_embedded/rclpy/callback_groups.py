@@ -15,11 +15,9 @@ class CallbackGroup:
         self.entities.add(weakref.ref(entity))
 
     def has_entity(self, entity: Any) -> bool:
-        """Return whether the entity was added."""
         return weakref.ref(entity) in self.entities
 
     def can_execute(self, entity: Any) -> bool:
-        """Return whether the entity's callback may start."""
         return True
 
     def beginning_execution(self, entity: Any) -> bool:

@@ -36,7 +36,6 @@ class Client(IntrospectedEndpoint):
         return response
 
     def call_async(self, request: Any) -> Future:
-        """Send a request; the returned future completes with the response."""
         return self._complete(Future(), request)
 
     def _complete(self, future: Future, request: Any) -> Future:

@@ -46,7 +46,6 @@ class JumpThreshold:
             raise ValueError("At least one jump threshold must be enabled")
 
     def exceeded_by(self, jump: TimeJump) -> bool:
-        """Return whether `jump` counts."""
         if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
             return self.on_clock_change
         return (self.min_forward is not None and jump.delta >= self.min_forward) or (
@@ -85,7 +84,6 @@ class JumpHandle:
         clock._jump_handles.append(self)
 
     def unregister(self) -> None:
-        """Remove the callbacks from the clock."""
         if self._clock is not None:
             self._clock._jump_handles.remove(self)
             self._clock = None
@@ -118,7 +116,6 @@ class Clock:
         return time.monotonic_ns() if self.clock_type is ClockType.STEADY_TIME else time.time_ns()
 
     def now(self) -> Time:
-        """Return the current time."""
         return Time(nanoseconds=self._now_ns(), clock_type=self.clock_type)
 
     def create_jump_callback(
@@ -172,7 +169,6 @@ class Clock:
         return context.ok() and not source_changed and self.now() >= until
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
-        """Sleep for a duration; the same as ``sleep_until(now() + rel_time)``."""
         return self.sleep_until(self.now() + rel_time, context)
 
 

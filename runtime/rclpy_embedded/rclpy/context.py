@@ -69,11 +69,9 @@ class Context:
         return self._session
 
     def ok(self) -> bool:
-        """Return whether it is initialized and not shut down."""
         return self._session is not None and not self._session.is_shut_down and not self._interrupted
 
     def get_domain_id(self) -> int:
-        """Return the DDS domain."""
         return self.session.domain_id
 
     def shutdown(self) -> None:
@@ -84,7 +82,6 @@ class Context:
             raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
 
     def try_shutdown(self) -> None:
-        """Shut it down unless it is shut down already."""
         self._shutdown()
 
     def destroy(self) -> None:
@@ -153,5 +150,4 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 
 def context_or_default(context: Context | None) -> Context:
-    """Return the context, or the global one instead of None."""
     return get_default_context() if context is None else context

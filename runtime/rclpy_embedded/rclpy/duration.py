@@ -17,7 +17,6 @@ class NanosecondValue:
 
     @property
     def nanoseconds(self) -> int:
-        """The value in nanoseconds."""
         return self._nanoseconds
 
     def _check_comparable(self, other: Self) -> None: ...
@@ -53,13 +52,11 @@ class Duration(NanosecondValue):
         return "Infinite" if self._nanoseconds == INT64_MAX else f"{self._nanoseconds} nanoseconds"
 
     def to_msg(self) -> builtin_msg.Duration:
-        """Return the duration as ``builtin_interfaces/msg/Duration``."""
         sec, nanosec = divmod(self._nanoseconds, S_TO_NS)
         return builtin_msg.Duration(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_msg.Duration) -> Self:
-        """Create a duration from a ``builtin_interfaces/msg/Duration``."""
         if not isinstance(msg, builtin_msg.Duration):
             raise TypeError("Must pass a builtin_interfaces.msg.Duration object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec)

@@ -46,8 +46,6 @@ class IncompatibleQoSInfo(CountInfo):
 
 @dataclass(frozen=True)
 class MatchedInfo(CountInfo):
-    """How many peers match."""
-
     current_count: int
     current_count_change: int
 
@@ -83,8 +81,6 @@ class _EventType(IntEnum):
 
 
 class QoSPublisherEventType(_EventType):
-    """Events of a publisher."""
-
     RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0, "deadline", "offered_deadline_missed", CountInfo
     RCL_PUBLISHER_LIVELINESS_LOST = 1, "liveliness", "liveliness_lost", CountInfo
     RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2, "incompatible_qos", "offered_incompatible_qos", IncompatibleQoSInfo
@@ -93,8 +89,6 @@ class QoSPublisherEventType(_EventType):
 
 
 class QoSSubscriptionEventType(_EventType):
-    """Events of a subscription."""
-
     RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0, "deadline", "requested_deadline_missed", CountInfo
     RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1, "liveliness", "liveliness_changed", LivelinessChangedInfo
     RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = (

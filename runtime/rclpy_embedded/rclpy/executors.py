@@ -174,7 +174,6 @@ class Executor:
         return True
 
     def remove_node(self, node: Any) -> None:
-        """Remove a node."""
         with self._lock:
             if node not in self._nodes:
                 return
@@ -182,7 +181,6 @@ class Executor:
         self._notice()
 
     def get_nodes(self) -> list[Any]:
-        """Return the nodes that were added."""
         with self._lock:
             return list(self._nodes)
 
@@ -197,7 +195,6 @@ class Executor:
     # Spinning
 
     def spin(self) -> None:
-        """Run callbacks until shutdown."""
         while self.context.ok() and not self._is_shutdown:
             self.spin_once()
 

@@ -11,7 +11,6 @@ _root_logger = RcutilsLogger()
 
 
 def get_logger(name: str) -> RcutilsLogger:
-    """Return a logger."""
     if not name:
         raise ValueError("Logger name must not be empty.")
     return _root_logger.get_child(name)

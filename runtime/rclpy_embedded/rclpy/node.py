@@ -141,7 +141,6 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
 
     @property
     def context(self) -> Context:
-        """The context of this node."""
         return self._context
 
     @property
@@ -161,15 +160,12 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         return self.handle.namespace
 
     def get_fully_qualified_name(self) -> str:
-        """Return namespace and name."""
         return self.handle.full_name
 
     def get_clock(self) -> Clock:
-        """Return the clock, ROS time."""
         return self._clock
 
     def get_logger(self) -> Any:
-        """Return the logger."""
         return self._logger
 
     def __resolve(self, name: str, *, is_service: bool, only_expand: bool) -> str:

@@ -151,7 +151,6 @@ class NodeEntities:
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Client:
-        """Create a service client."""
         group = callback_group or self._default_callback_group
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
@@ -190,24 +189,20 @@ class NodeEntities:
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
-        """Create a guard condition, which calls its callback after ``trigger``."""
         group = callback_group or self._default_callback_group
         return self.__make(self.guards, GuardCondition, callback, group, context=self._context)
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """Create a rate of `frequency` Hz."""
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
         timer = self.create_timer(1.0 / frequency, None, self._rate_group, clock)
         return Rate(timer, context=self._context)
 
     def add_waitable(self, waitable: Waitable) -> None:
-        """Have the executor wait for a waitable, too."""
         self.__waitables.append(waitable)
         self._wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
-        """Remove a waitable that was added."""
         self.__waitables.remove(waitable)
         self._wake_executor()
 
@@ -235,7 +230,6 @@ class NodeEntities:
         return done
 
     def destroy_node(self) -> None:
-        """Destroy all remaining entities."""
         for entities in self.__lists:
             for entity in list(entities):
                 self.__destroy(entity)

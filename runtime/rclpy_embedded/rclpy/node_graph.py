@@ -69,44 +69,34 @@ class NodeGraph:
         return names_and_types(endpoints, demangle)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
-        """Return all topics and their types."""
         return self.__all_names_and_types(None if no_demangle else ros_topic)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
-        """Return all services and their types."""
         return self.__all_names_and_types(ros_service)
 
     def get_node_names(self) -> list[str]:
-        """Return the names of all nodes."""
         return [node.node_name for _, node in self.__graph.nodes()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
-        """Return the full names of all nodes."""
         return [f"{node.node_namespace.rstrip('/')}/{node.node_name}" for _, node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """Return name and namespace of all nodes."""
         return [(node.node_name, node.node_namespace) for _, node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        """Return name, namespace and enclave of all nodes."""
         return [(node.node_name, node.node_namespace, enclave) for enclave, node in self.__graph.nodes()]
 
     def count_publishers(self, topic_name: str) -> int:
-        """Return the number of publishers of a topic."""
         return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=True))
 
     def count_subscribers(self, topic_name: str) -> int:
-        """Return the number of subscriptions of a topic."""
         return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=False))
 
     def count_clients(self, service_name: str) -> int:
-        """Return the number of clients of a service."""
         name = self.__full_name(service_name, is_service=True)
         return len(self.__graph.endpoints_of(f"rr{name}Reply", writers=False))
 
     def count_services(self, service_name: str) -> int:
-        """Return the number of servers of a service."""
         name = self.__full_name(service_name, is_service=True)
         return len(self.__graph.endpoints_of(f"rq{name}Request", writers=False))
 

@@ -44,7 +44,6 @@ class Parameter:
             raise TypeError(f"The given value is not {a_list_of}one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
-            """Return whether a Python value is of this type."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
             if self in _SCALAR_KINDS:
@@ -72,14 +71,12 @@ class Parameter:
         return cls(param_msg.name, type_, getattr(param_msg.value, _field(type_), None))
 
     def get_parameter_value(self) -> msg.ParameterValue:
-        """Return the value as ``rcl_interfaces/msg/ParameterValue``."""
         value = msg.ParameterValue(type=self.type_.value)
         if self.type_ is not Parameter.Type.NOT_SET:
             setattr(value, _field(self.type_), self.value)
         return value
 
     def to_parameter_msg(self) -> msg.Parameter:
-        """Return the parameter as ``rcl_interfaces/msg/Parameter``."""
         return msg.Parameter(name=self.name, value=self.get_parameter_value())
 
 

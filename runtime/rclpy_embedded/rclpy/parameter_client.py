@@ -34,7 +34,6 @@ class AsyncParameterClient:
         }
 
     def services_are_ready(self) -> bool:
-        """Return whether all six services are there."""
         return all(client.service_is_ready() for client in self._clients.values())
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
@@ -54,15 +53,12 @@ class AsyncParameterClient:
         return self._call("list_parameters", callback, prefixes=prefixes or [], depth=depth or 0)
 
     def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
-        """Get the values of parameters."""
         return self._call("get_parameters", callback, names=names)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
-        """Get the descriptors of parameters."""
         return self._call("describe_parameters", callback, names=names)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future:
-        """Get the types of parameters."""
         return self._call("get_parameter_types", callback, names=names)
 
     def set_parameters(self, parameters: Parameters, callback: Callback | None = None) -> Future:

@@ -64,7 +64,6 @@ class ParameterEventHandler:
         )
 
     def destroy(self) -> None:
-        """Stop listening."""
         self.node.destroy_subscription(self.parameter_event_subscription)
 
     @staticmethod
@@ -77,7 +76,6 @@ class ParameterEventHandler:
 
     @staticmethod
     def get_parameters_from_event(event: ParameterEvent) -> Iterable[Parameter]:
-        """Return all new and changed parameters of an event."""
         return chain(event.new_parameters, event.changed_parameters)
 
     def add_parameter_callback(
@@ -99,7 +97,6 @@ class ParameterEventHandler:
             callbacks.pop(key, None)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], None]) -> ParameterEventCallbackHandle:
-        """Call `callback` with every parameter event."""
         handle = ParameterEventCallbackHandle(callback)
         self._callbacks.event_callbacks.insert(0, handle)
         return handle

@@ -21,7 +21,6 @@ SERVICES = (
 
 
 def service_type(name: str) -> Any:
-    """Return the class of one of the `SERVICES`."""
     return getattr(srv, name.title().replace("_", ""))
 
 

@@ -85,7 +85,6 @@ class ParameterStore:
         return [self._parameters[parameter.name] for parameter in declared]
 
     def undeclare_parameter(self, name: str) -> None:
-        """Undeclare a parameter."""
         if not self.has_parameter(name):
             raise exceptions.ParameterNotDeclaredException(name)
         if self._descriptors[name].read_only:
@@ -94,7 +93,6 @@ class ParameterStore:
         del self._descriptors[name]
 
     def has_parameter(self, name: str) -> bool:
-        """Return whether a parameter is declared."""
         return name in self._parameters
 
     def _is_declared(self, name: str) -> bool:
@@ -108,7 +106,6 @@ class ParameterStore:
         return self._parameters[name].type_.value if self._is_declared(name) else Parameter.Type.NOT_SET
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
-        """Return the types of parameters; see `get_parameter_type`."""
         return [self.get_parameter_type(name) for name in _checked_names(names)]
 
     def get_parameter(self, name: str) -> Parameter:
@@ -121,7 +118,6 @@ class ParameterStore:
         return parameter
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
-        """Return parameters; see `get_parameter`."""
         return [self.get_parameter(name) for name in _checked_names(names)]
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
@@ -223,7 +219,6 @@ class ParameterStore:
         return self._descriptors[name] if self._is_declared(name) else msg.ParameterDescriptor()
 
     def describe_parameters(self, names: list[str]) -> list[Any]:
-        """Return the descriptors of parameters; see `describe_parameter`."""
         return [self.describe_parameter(name) for name in names]
 
     def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
@@ -254,7 +249,6 @@ class ParameterStore:
         self._on_set_parameters_callbacks.insert(0, callback)
 
     def add_post_set_parameters_callback(self, callback: _Callback) -> None:
-        """Call `callback` after parameters were set."""
         self._post_set_parameters_callbacks.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: _Callback) -> None:

@@ -31,7 +31,6 @@ class Publisher(TopicEndpoint):
 
     @property
     def logger_name(self) -> str:
-        """Name of the node's logger."""
         return self._local_node.logger_name
 
     def publish(self, msg: Any) -> None:
@@ -51,7 +50,6 @@ class Publisher(TopicEndpoint):
         self._use(writer.write, writer.data_type(data))
 
     def get_subscription_count(self) -> int:
-        """Return how many subscriptions match."""
         with self.using("failed to get subscription count") as writer:
             return len(matched(writer.get_matched_subscriptions))
 

@@ -25,7 +25,6 @@ class QoSPolicyKind(IntEnum):
 
 
 def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
-    """Return the name of a kind of policy."""
     return QoSPolicyKind(policy_kind).name
 
 
@@ -41,7 +40,6 @@ class _ShortKeys(Enum):
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """Return the names in lower case."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
@@ -55,13 +53,10 @@ class QoSPolicyEnum(IntEnum, _ShortKeys):
 
     @property
     def short_key(self) -> str:
-        """Name of the policy in lower case."""
         return self.name.lower()
 
 
 class HistoryPolicy(QoSPolicyEnum):
-    """How many samples are kept."""
-
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
     KEEP_ALL = 2
@@ -69,8 +64,6 @@ class HistoryPolicy(QoSPolicyEnum):
 
 
 class ReliabilityPolicy(QoSPolicyEnum):
-    """Whether samples are delivered for certain."""
-
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
     BEST_EFFORT = 2
@@ -89,8 +82,6 @@ class DurabilityPolicy(QoSPolicyEnum):
 
 
 class LivelinessPolicy(QoSPolicyEnum):
-    """Who asserts that a publisher is alive."""
-
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
     MANUAL_BY_TOPIC = 3
@@ -156,7 +147,6 @@ class QoSProfile:
         return copy.copy(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the policies by name."""
         return {name: getattr(self, name) for name in QoSProfile.__annotations__}
 
     __hash__ = None  # type: ignore[assignment]
@@ -203,8 +193,6 @@ qos_profile_rosout_default = QoSProfile(
 
 
 class QoSPresetProfiles(_ShortKeys):
-    """The predefined profiles."""
-
     UNKNOWN = qos_profile_unknown
     DEFAULT = qos_profile_default
     SYSTEM_DEFAULT = qos_profile_system_default

@@ -11,8 +11,6 @@ from rclpy.context import initialized
 
 
 class SignalHandlerOptions(Enum):
-    """Which handlers to install."""
-
     NO = 0
     SIGINT = 1
     SIGTERM = 2
@@ -62,7 +60,6 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
 
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
-    """Return which handlers are installed."""
     return SignalHandlerOptions(sum(option.value for number, option in _SIGNALS.items() if number in _previous))
 
 

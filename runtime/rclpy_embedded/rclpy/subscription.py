@@ -83,7 +83,6 @@ class Subscription(TopicEndpoint):
         )
 
     def get_publisher_count(self) -> int:
-        """Return how many publishers match."""
         with self.using("failed to get publisher count") as reader:
             return len(matched(reader.get_matched_publications))
 

@@ -43,11 +43,9 @@ class Future:
         self._run_callbacks()
 
     def cancelled(self) -> bool:
-        """Return whether it was cancelled."""
         return self._cancelled
 
     def done(self) -> bool:
-        """Return whether there is a result or an exception."""
         return self._done
 
     def result(self) -> Any:
@@ -58,17 +56,14 @@ class Future:
         return self._result
 
     def exception(self) -> BaseException | None:
-        """Return the exception it ended with, if any."""
         self._exception_fetched = True
         return self._exception
 
     def set_result(self, result: Any) -> None:
-        """Complete it with a result."""
         self._result = result
         self._finish()
 
     def set_exception(self, exception: BaseException) -> None:
-        """Complete it with an exception."""
         self._exception = exception
         self._exception_fetched = False
         self._finish()
@@ -181,5 +176,4 @@ class Task(Future):
             executor.wake()
 
     def executing(self) -> bool:
-        """Return whether it is running at this moment."""
         return self._running.locked()

@@ -31,11 +31,9 @@ class Time(NanosecondValue):
 
     @property
     def clock_type(self) -> ClockType:
-        """Kind of clock this point belongs to."""
         return self._clock_type
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Return whole seconds and the nanoseconds that remain."""
         return divmod(self._nanoseconds, S_TO_NS)
 
     def __repr__(self) -> str:
@@ -71,13 +69,11 @@ class Time(NanosecondValue):
             raise TypeError(f"Can't {operation} times with different clock types")
 
     def to_msg(self) -> builtin_msg.Time:
-        """Return the point as ``builtin_interfaces/msg/Time``."""
         sec, nanosec = self.seconds_nanoseconds()
         return builtin_msg.Time(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_msg.Time, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
-        """Create a point from a ``builtin_interfaces/msg/Time``."""
         if not isinstance(msg, builtin_msg.Time):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)

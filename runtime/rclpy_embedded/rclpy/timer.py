@@ -100,12 +100,10 @@ class Timer(Destroyable):
         self._period_ns = int(value)
 
     def is_ready(self) -> bool:
-        """Return whether it is due."""
         self._check()
         return not self._canceled and self._next_call_ns <= self.clock._now_ns()
 
     def is_canceled(self) -> bool:
-        """Return whether it is canceled."""
         self._check()
         return self._canceled
 

@@ -15,7 +15,6 @@ _POLL_S = 0.01
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
-    """Return the arguments (``sys.argv`` by default) that are not for ROS."""
     return parse(args).remaining
 
 
@@ -25,7 +24,6 @@ def ok(*, context: Context | None = None) -> bool:
 
 
 def shutdown(*, context: Context | None = None) -> None:
-    """Shut down a context (default: the global one)."""
     (get_default_context(shutting_down=True) if context is None else context).shutdown()
 
 
@@ -40,7 +38,6 @@ def get_rmw_implementation_identifier() -> str:
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """Return the only middleware there is."""
     return {get_rmw_implementation_identifier()}
 
 

@@ -175,7 +175,8 @@ def _pictures(
         named = {one.words: values for one, values in probes.items()}
         picture = heat_figures.HeatPicture(history, weld.phases, f"Heat in the canister: {weld.name}", named)
         if arguments.figure is not None:
-            write_whole(arguments.figure, lambda part: heat_figures.draw_heat(picture, moments_s, part))
+            arguments.figure.parent.mkdir(parents=True, exist_ok=True)
+            heat_figures.draw_heat(picture, moments_s, arguments.figure)
             words.append(f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s")
         if arguments.film is not None:
             with ProgressBar("film") as bar:

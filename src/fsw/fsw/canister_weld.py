@@ -101,10 +101,10 @@ def _motion_of(
     signals: WeldSignals, scenario: Scenario, config: PlantConfig, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Speed and height between the times; by the angle where a programme was played, for it may have been held."""
-    told = np.flatnonzero(np.isfinite(signals.angle_deg))
-    if not told.size:
+    known = np.flatnonzero(np.isfinite(signals.angle_deg))
+    if not known.size:
         return _motion(ToolPath.of(scenario.path, config), time_s[:-1] - STEP_S)  # the first tick is at 0.1 s
-    angle, at_s = signals.angle_deg[told], signals.time_s[told]
+    angle, at_s = signals.angle_deg[known], signals.time_s[known]
     new = np.flatnonzero(np.diff(angle, prepend=angle[0] - 1.0))
     points = {}
     for before, i in zip([new[0], *new[:-1]], new, strict=True):

@@ -98,7 +98,7 @@ def repeated(flag: str, metavar: str, text: str, **more: Any) -> Option:
 def number(
     flag: str, metavar: str, allowed: Range, text: str, default: float | None = None, kind: type[float] = float
 ) -> Option:
-    """An option that takes a number in a range, of which the error tells; ``kind`` is int for a whole number."""
+    """An option that takes a number in a range, which the error names; ``kind`` is int for a whole number."""
 
     def read(text: str) -> float:
         try:

@@ -97,7 +97,7 @@ WELD_HOLD = _command(
 )
 WELD_RESUME = _command("weld resume", "go back to the programme by a ramp", "weld_ros:hold_or_resume")
 WELD_ABORT = _command(
-    "weld abort", "give the weld up; a safe stop is requested until the supervisor answers", "weld_ros:give_up"
+    "weld abort", "abort the weld; a safe stop is requested until the supervisor answers", "weld_ros:abort_weld"
 )
 
 _NODE = option("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")

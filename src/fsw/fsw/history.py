@@ -98,7 +98,7 @@ def report(arguments: argparse.Namespace) -> int:
     option("folder", type=Path, metavar="DIR"),
     option("first", metavar="A", help="name of a weld in the history"),
     option("second", metavar="B"),
-    description="Tell what changed between two welds of a history.",
+    description="Show what changed between two welds of a history.",
     needs=("pyarrow",),
 )
 def diff(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,6 @@ from pathlib import Path
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option
 from fsw.console import print_table
-from fsw.errors import CommandError
 from fsw.outputs import check_new, write_json, write_whole
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
@@ -38,8 +37,6 @@ def monitor(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model) if arguments.model else None
     with ProgressBar("monitor") as bar:
         watched = watch(Monitor(process, model), signals, bar)
-    if not watched.time_s:
-        raise CommandError(f"{arguments.bag}: no second with depth, torque, temperature, force and speed to watch")
     _print(watched, process)
     if arguments.figure is not None:
         limits, title = load_limits()[process], f"{arguments.bag} ({process})"

@@ -137,12 +137,12 @@ def _course(scenario: Scenario) -> tuple[Array, Array]:
 class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     """One weld of a scenario, a step per tick of 0.1 s.
 
-    An action is the change of force and speed, each a share (-1 to 1) of the largest step that the drives can make in a
-    tick. An observation has the sensors, the drives' feedback and the set-points (``OBSERVED``). Power acts on the
-    temperature after 2.8 s, so it does not tell the whole state: stack several, or remember. The reward is the negative
-    sum of both absolute errors, weighed, integrated over time. A weld ends with the scenario (truncated), or when the
-    tool leaves the copper (terminated). ``info["kpi"]`` at the end has figures of merit as the comparison of the
-    controllers has them.
+    An action is the change of force and speed, each a share (-1 to 1) of the largest step that the drives can make
+    in a tick. An observation has the sensors, the drives' feedback and the set-points (``OBSERVED``). Power acts on
+    the temperature after 2.8 s, so an observation is not the whole state: stack several, or use a policy with
+    memory. The reward is the negative sum of both absolute errors, weighed, integrated over time. A weld ends with
+    the scenario (truncated), or when the tool leaves the copper (terminated). ``info["kpi"]`` at the end has
+    figures of merit as the comparison of the controllers has them.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             outcome = follow(node, RunWeld.Goal(scenario=scenario.text))
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' gives it up") from None
+            raise KeyboardInterrupt("the weld goes on; 'fsw.py weld abort' ends it") from None
     kpi = outcome.kpi
     print(f"{outcome.verdict}: {outcome.message}")
     print(f"IAE: {units.mm_from_m(kpi.depth_iae):.4g} mm s, {kpi.temperature_iae:.4g} degC s")
@@ -46,7 +46,7 @@ def hold_or_resume(arguments: argparse.Namespace) -> int:
     return ask(arguments, Trigger, f"fsw/weld/{arguments.verb}")
 
 
-def give_up(arguments: argparse.Namespace) -> int:
+def abort_weld(arguments: argparse.Namespace) -> int:
     """Abort the weld that is under way."""
     with operator(arguments) as node:
         aborted = abort(node)

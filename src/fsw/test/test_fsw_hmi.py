@@ -1,6 +1,7 @@
 """``fsw.py hmi user``: the file of named users, from stdin and from a terminal."""
 
 import io
+from functools import partial
 
 import pytest
 
@@ -16,6 +17,12 @@ class Terminal(io.StringIO):
 
     def isatty(self):
         return True
+
+
+@pytest.fixture(autouse=True)
+def cheap_hashes(monkeypatch):
+    """What a hash costs is shown elsewhere."""
+    monkeypatch.setattr("fsw.hmi.new_user", partial(users.new_user, log2_n=4))
 
 
 @pytest.fixture

@@ -3,12 +3,16 @@
 import json
 import shutil
 import sys
+from itertools import islice
 from pathlib import Path
 
 import pytest
 
 import fsw_quality
 from fsw.main import main
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.recover import copy
 
 BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_tracking"
 
@@ -16,7 +20,7 @@ BAG = Path(__file__).resolve().parents[3] / "test" / "golden" / "reference_track
 def test_monitor_tells_of_a_bag_and_writes_figure_and_json(tmp_path, capsys):
     figure, figures = tmp_path / "figure.png", tmp_path / "told.json"
     assert main(["monitor", str(BAG), "--figure", str(figure), "--json", str(figures)]) == 0
-    assert "no alarm in the 240 s with all that is watched, limits of process paper" in capsys.readouterr().out
+    assert "no alarm in the 239 s with all that is watched, limits of process paper" in capsys.readouterr().out
     assert figure.read_bytes().startswith(b"\x89PNG")
     told = json.loads(figures.read_text())
     assert told["alarms"] == [] and told["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
@@ -42,6 +46,19 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
     assert main(["history", "diff", str(folder), BAG.name, BAG.name]) == 0
     assert "nothing" in capsys.readouterr().out
     assert main(["history", "report", str(tmp_path / "none")]) == 1
+
+
+def test_a_bag_without_a_weld_is_refused(tmp_path, capsys):
+    pytest.importorskip("pyarrow")
+    short = tmp_path / "short"
+    with BagReader(BAG) as reader, BagWriter(short) as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(topic)
+        copy(islice(reader.records(), 12), writer)
+    for command in (["monitor", str(short)], ["history", "add", str(tmp_path / "history"), str(short)]):
+        assert main(command) == 1
+        assert "no weld in it" in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "history").exists()
 
 
 def test_history_without_its_library_says_what_to_install_in_a_line(tmp_path, capsys, monkeypatch):

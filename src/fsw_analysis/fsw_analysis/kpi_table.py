@@ -72,7 +72,12 @@ def table(rows: Sequence[Sequence[str]], words: int) -> str:
 
 def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
     """Write ``kpi.json`` (the list of runs) and ``kpi.md`` into ``folder``; returns their paths."""
-    json_path, table_path = folder / "kpi.json", folder / "kpi.md"
-    write_whole(json_path, json.dumps(list(runs), indent=2, allow_nan=False) + "\n")
-    write_whole(table_path, markdown(runs))
-    return [json_path, table_path]
+    return write_both(list(runs), markdown(runs), folder / "kpi")
+
+
+def write_both(data: list[dict[str, Any]], text: str, stem: Path) -> list[Path]:
+    """Write data as ``<stem>.json`` and their table as ``<stem>.md``; returns the paths."""
+    contents = {".json": json.dumps(data, indent=2, allow_nan=False) + "\n", ".md": text}
+    for suffix, content in contents.items():
+        write_whole(stem.with_suffix(suffix), content)
+    return [stem.with_suffix(suffix) for suffix in contents]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
 from itertools import chain
@@ -11,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
-from fsw_analysis.kpi_table import table
+from fsw_analysis.kpi_table import table, write_both
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_schema.files import write_whole
 
 #: name, begin and end [s] of a phase
 Span = tuple[str, float, float]
@@ -121,8 +119,4 @@ def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
 
 def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
     """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
-    data = [asdict(one) for rows in runs for one in rows]
-    json_path, table_path = folder / "phases.json", folder / "phases.md"
-    write_whole(json_path, json.dumps(data, indent=2, allow_nan=False) + "\n")
-    write_whole(table_path, markdown(runs))
-    return [json_path, table_path]
+    return write_both([asdict(one) for rows in runs for one in rows], markdown(runs), folder / "phases")

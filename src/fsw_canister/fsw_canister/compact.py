@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from fsw_canister.cache import kept, projection_of
+from fsw_canister.copper import Array
 from fsw_canister.elements import one_thread
 from fsw_canister.parameters import CanisterParameters
 from fsw_canister.projection import TYPICAL, Progress, Projection
-from fsw_canister.stepped import Array, CanisterState, HeatModel
+from fsw_canister.stepped import CanisterState, HeatModel
 
 #: Hankel singular value, mean of the positions, below which a direction is left out [K at ``_POWER_KW``]
 TOLERANCE_K, _POWER_KW = 0.03, 50.0
@@ -37,24 +38,14 @@ _MOST_KNOWN = 16
 
 @dataclass(frozen=True)
 class Compact:
-    """Projected matrices; what the cache keeps. The even states come first.
+    """Projected matrices; what the cache keeps. The even states come first."""
 
-    Attributes
-    ----------
-    conduction, surface, clamp : (states, states) arrays
-        At k = h = 1.
-    transport : (even, odd) array
-        At one turn of the tool in 2 pi seconds.
-    probe, shoulder, rim : (positions, even) arrays
-        As in ``projection.py``.
-    rest_k_per_w : (2, positions) array
-    axial_mm : (positions,) array
-    """
-
+    #: at k = h = 1, (states, states)
     conduction: Array
     surface: Array
     clamp: Array
-    transport: Array
+    transport: Array  #: at one turn of the tool in 2 pi seconds, (even, odd)
+    #: as in ``projection.py``, (positions, even), (2, positions) and (positions,)
     probe: Array
     shoulder: Array
     rim: Array
@@ -138,16 +129,7 @@ def _leading(gramian: Array, tolerance_k: float) -> Array:
 class CompactCanister(HeatModel):
     """The stir zone's heat, stepped exactly for a power, a traverse speed and an axial position that are held.
 
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    compact : Compact
-        Of the same geometry.
-
-    Attributes
-    ----------
-    states : int
-        Real numbers in a state.
+    Parameters and compact model are of the same geometry.
     """
 
     def __init__(self, parameters: CanisterParameters, compact: Compact) -> None:
@@ -156,20 +138,18 @@ class CompactCanister(HeatModel):
         rest = p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k)
         super().__init__(p, q.axial_mm, source, q.rim, rest)
         self._even, odd = q.transport.shape
-        self.states = self._even + odd
+        self.states = self._even + odd  #: real numbers in a state
         matrix = p.conductivity_w_per_m_k * q.conduction + p.surface_w_per_m2_k * q.surface
         self._decay = (matrix + p.clamp_w_per_m2_k * q.clamp) / p.heat_capacity_j_per_m3_k
         self._transport = q.transport
         self._known: dict[tuple[float, float], tuple[Array, Array]] = {}
 
     def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
-        """As of :class:`HeatModel`."""
         return CanisterState(np.zeros(self.states), 0.0, self._checked(axial_mm))
 
     def step(
         self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
     ) -> CanisterState:
-        """As of :class:`HeatModel`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
         source, _, _ = self._at(axial_mm)
         kept_part, response = self.over(traverse_mm_per_s, dt_s)
@@ -197,7 +177,6 @@ class CompactCanister(HeatModel):
         return self._known[key]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
-        """As of :class:`HeatModel`."""
         _, rim, rest = self._at(state.axial_mm)
         return float(self.copper.temperature_c(rim @ state.modes[: self._even] + rest * state.power_kw))
 

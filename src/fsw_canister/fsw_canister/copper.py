@@ -33,17 +33,13 @@ class Kirchhoff:
     """Temperature and theta = integral of k(T)/k(reference) from ambient to T, in which conduction is linear.
 
     With constant properties theta is T less the ambient temperature.
-
-    Attributes
-    ----------
-    grid_c, theta_k, heat_j_per_m3 : arrays
-        Temperature, theta, and the heat stored in a volume since ambient, with c(T).
     """
 
     def __init__(self, parameters: CanisterParameters) -> None:
         p = parameters
         self.linear = p.properties == "constant"
         self.ambient_c = p.ambient_c
+        #: temperature, theta, and the heat stored in a volume since ambient, with c(T)
         self.grid_c = np.sort(np.append(_GRID_C, p.ambient_c))
         relative_k = conductivity(self.grid_c) / conductivity(p.reference_c)
         reference_c = heat_capacity(p.reference_c)

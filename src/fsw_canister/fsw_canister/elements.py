@@ -17,12 +17,11 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fsw_canister.copper import Array
 from fsw_canister.parameters import CanisterParameters
 from fsw_schema.models import InputError
-
-Array = NDArray[np.float64]
 
 #: growth of the elements away from where the tool passes
 _GROWTH = 1.4
@@ -56,19 +55,7 @@ def extra(module: str) -> Any:
 
 
 class Elements:
-    """Mesh and matrices of the canister's end.
-
-    Parameters
-    ----------
-    parameters : CanisterParameters
-
-    Attributes
-    ----------
-    size : int
-        Unknowns of one mode.
-    mass, gradient, around, surface, clamp : sparse matrices
-        Of 1, grad u grad v, u v / r2 in the copper, and of 1 on the surfaces that lose heat and under the clamp.
-    """
+    """Mesh and matrices of the canister's end."""
 
     def __init__(self, parameters: CanisterParameters) -> None:
         skfem = extra("skfem")  # only the field and the reduction need it
@@ -83,7 +70,7 @@ class Elements:
         low, high = self._plate_m
         self.mesh = whole.restrict(np.flatnonzero((r > self.inner_m) | ((z > low) & (z < high))))
         self.basis = skfem.Basis(self.mesh, skfem.ElementQuad2(), intorder=6)
-        self.size = int(self.basis.N)
+        self.size = int(self.basis.N)  #: unknowns of one mode
         self._element_at = np.full((len(self._r_lines) - 1, len(self._z_lines) - 1), -1)
         self._element_at[self._cell(*self.mesh.p[:, self.mesh.t].mean(axis=1))] = np.arange(self.mesh.t.shape[1])
         self._assemble()
@@ -110,6 +97,7 @@ class Elements:
         mass = BilinearForm(lambda u, v, w: u * v * radius(w))
         gradient = BilinearForm(lambda u, v, w: (u.grad[0] * v.grad[0] + u.grad[1] * v.grad[1]) * radius(w))
         around = BilinearForm(lambda u, v, w: u * v / radius(w))
+        #: sparse matrices of 1, grad u grad v and u v / r2 in the copper; below, of 1 under the clamp and in the air
         self.mass, self.gradient, self.around = (form.assemble(self.basis).tocsc() for form in (mass, gradient, around))
 
         clamped = BilinearForm(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fsw_canister.copper import Array
 from fsw_canister.reduced import ReducedCanister
-from fsw_canister.stepped import Array, CanisterState, HeatModel
+from fsw_canister.stepped import CanisterState, HeatModel
 from fsw_schema.models import InputError
 
 #: states kept of a weld, one a second, for pictures and thermocouples
@@ -21,43 +22,23 @@ _PROGRESS_STEPS = 100
 
 @dataclass(frozen=True, slots=True)
 class ToolCourse:
-    """What the tool does in each step of a weld, arrays of (steps,).
+    """What the tool does in each step of a weld, arrays of (steps,)."""
 
-    Attributes
-    ----------
-    power_kw : array
-        Power (24).
-    traverse_mm_per_s : array
-    axial_mm : array
-        Above the joint line.
-    """
-
-    power_kw: Array
+    power_kw: Array  #: power (24)
     traverse_mm_per_s: Array
-    axial_mm: Array
+    axial_mm: Array  #: above the joint line
 
 
 @dataclass(frozen=True, slots=True)
 class HeatHistory:
-    """Heat of a weld; arrays of (steps,) at the ends of the steps.
-
-    Attributes
-    ----------
-    canister : ReducedCanister
-    time_s, stir_zone_c, angle_rad : array
-        Time, temperature of the stir zone, and where the tool is around the canister.
-    course : ToolCourse
-    kept_s : array
-        Times of the states.
-    states : list of CanisterState
-    """
+    """Heat of a weld; arrays of (steps,) at the ends of the steps."""
 
     canister: ReducedCanister
     time_s: Array
-    stir_zone_c: Array
-    angle_rad: Array
+    stir_zone_c: Array  #: temperature of the stir zone
+    angle_rad: Array  #: where the tool is around the canister
     course: ToolCourse
-    kept_s: Array
+    kept_s: Array  #: times of the states
     states: list[CanisterState]
 
     def at(self, time_s: float) -> tuple[float, CanisterState]:
@@ -78,18 +59,10 @@ def heated(
     dt_s: float,
     missing_c: Callable[[CanisterState], float],
 ) -> CanisterState:
-    """A canister heated from ambient by a constant power.
+    """A canister heated from ambient by a constant power, in steps of ``dt_s``.
 
-    Parameters
-    ----------
-    canister : HeatModel
-    power_kw : float
-    motion : (float, float)
-        Of the tool: traverse [mm/s], and position above the joint line [mm].
-    dt_s : float
-        A step.
-    missing_c : callable
-        Called with each state, also that at ambient: what is missing, at most 0 where heating ends.
+    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c`` is called with each
+    state, also that at ambient: what is missing, at most 0 where heating ends.
 
     Raises
     ------
@@ -112,17 +85,7 @@ def heat_history(
     dt_s: float,
     progress: Callable[[float], None] | None = None,
 ) -> HeatHistory:
-    """Heat a canister by a weld.
-
-    Parameters
-    ----------
-    canister : ReducedCanister
-    start : CanisterState
-    course : ToolCourse
-    dt_s : float
-        A step.
-    progress : callable, optional
-        Called with the share that is done.
+    """Heat a canister by a weld, in steps of ``dt_s``; ``progress`` is called with the share that is done.
 
     Raises
     ------

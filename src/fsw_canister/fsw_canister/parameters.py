@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from math import hypot
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from fsw_schema.models import InputError, Model, Whole, content_of, read_text, validate
+from fsw_schema.models import Parameters, Whole
 from fsw_schema.ranges import Range
 
 #: of :class:`CanisterParameters`: all that the finite elements and the projection depend on; the rest is free after it
@@ -21,8 +20,11 @@ ZERO_C = 273.15
 STEFAN_BOLTZMANN = 5.670374e-8
 
 
-class CanisterParameters(Model):
+class CanisterParameters(Parameters):
     """The canister's end and the heat that flows in and out of it; all values are chosen where no source is named."""
+
+    what = "canister parameters"
+    example = "wall_mm: 49.0"
 
     shape: Literal["cylinder", "plate"] = "cylinder"
     """A cylinder with a lid, or unrolled to a plate without one, of the same circumference, for comparison with closed
@@ -126,22 +128,3 @@ class CanisterParameters(Model):
         """What 1 kW does, from what 1 W of probe and of shoulder into the copper do."""
         shared = (1.0 - self.shoulder_share) * probe + self.shoulder_share * shoulder
         return 1e3 * (1.0 - self.tool_share) * shared
-
-    @classmethod
-    def from_yaml(cls, text: str, where: str = "canister parameters") -> CanisterParameters:
-        """Read the parameters that differ from the defaults.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If the text is not a mapping or empty, or a name or value is not valid.
-        """
-        content = content_of(text, where)
-        if content is None:
-            raise InputError(f"{where}: holds no parameters; give some, e.g. wall_mm: 49.0")
-        return validate(cls, content, where)
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> CanisterParameters:
-        """Read a YAML file, see :meth:`from_yaml`; also one that cannot be read is an InputError."""
-        return cls.from_yaml(read_text(path, "canister parameters"), str(path))

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw_canister.copper import Array
 from fsw_canister.elements import Elements, elements_of, one_thread
 from fsw_canister.parameters import CanisterParameters
 
-Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 #: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
@@ -39,37 +39,25 @@ _POWER_W = 50e3
 
 @dataclass(frozen=True)
 class Projection:
-    """Basis and projected matrices, all modes one after the other; what the cache keeps.
+    """Basis and projected matrices, all modes one after the other; what the cache keeps."""
 
-    Attributes
-    ----------
-    mode : (n,) array of int
-        Mode that a basis vector belongs to; the vectors are orthonormal in the mass matrix.
-    vectors : (size, n) array
-    conduction, surface, clamp : (n, q) arrays
-        Rows of the modes' square blocks at k = h = 1, filled with zeros.
-    probe, shoulder, rim : (positions, n) arrays
-        Mean of the basis vectors where heat is made and where the temperature is taken, per axial position.
-    ones, surface_ones, clamp_ones : (n,) arrays
-        Integrals of the basis vectors over the copper and its surfaces; 0 but for mode 0.
-    rest_k_per_w : (2, positions) array
-        What the bases leave out at the rim, of fast modes at rest and at a typical k, of probe and shoulder.
-    axial_mm : (positions,) array
-    """
-
-    mode: NDArray[np.int64]
-    vectors: Array
+    mode: NDArray[np.int64]  #: mode that a basis vector belongs to, (n,)
+    vectors: Array  #: orthonormal in the mass matrix, (size, n)
+    #: rows of the modes' square blocks at k = h = 1, filled with zeros, (n, q)
     conduction: Array
     surface: Array
     clamp: Array
+    #: mean of the basis vectors where heat is made and where the temperature is taken, (positions, n)
     probe: Array
     shoulder: Array
     rim: Array
+    #: integrals of the basis vectors over the copper and its surfaces, (n,); 0 but for mode 0
     ones: Array
     surface_ones: Array
     clamp_ones: Array
-    rest_k_per_w: Array
-    axial_mm: Array
+    #: what the bases leave out at the rim, of fast modes at rest and at a typical k
+    rest_k_per_w: Array  #: of probe and shoulder, (2, positions)
+    axial_mm: Array  #: (positions,)
 
     @property
     def ends(self) -> NDArray[np.int64]:
@@ -94,13 +82,7 @@ class Projection:
 
 
 def project(parameters: CanisterParameters, progress: Progress | None = None) -> Projection:
-    """Make the basis of every mode, and project on it.
-
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    progress : callable, optional
-        Called with the share that is done and a text.
+    """Make the basis of every mode, and project on it; ``progress`` gets the share that is done and a text.
 
     Raises
     ------

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fsw_canister.cache import projection_of
+from fsw_canister.copper import Array
 from fsw_canister.elements import elements_of
 from fsw_canister.parameters import CanisterParameters
 from fsw_canister.projection import TYPICAL, Progress, Projection
-from fsw_canister.stepped import Array, CanisterState, Complex, HeatModel
+from fsw_canister.stepped import CanisterState, Complex, HeatModel
 from fsw_schema.models import InputError
 
 
@@ -25,13 +26,8 @@ def load_or_reduce(
 ) -> ReducedCanister:
     """The reduced model, from the cache or made now, which takes some ten seconds.
 
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    cache : Path, optional
-        Folder of the cache, or a file (``.npz``) that must be of this geometry; by default the user's cache.
-    progress : callable, optional
-        Called with the share that is done, and a text.
+    ``cache`` is a folder, by default the user's cache, or a file (``.npz``) that must be of this geometry. ``progress``
+    gets the share that is done and a text.
 
     Raises
     ------
@@ -44,22 +40,12 @@ def load_or_reduce(
 class ReducedCanister(HeatModel):
     """The canister's heat, stepped exactly for a power, a traverse speed and an axial position that are held.
 
-    Parameters
-    ----------
-    parameters : CanisterParameters
-    projection : Projection
-        Of the same geometry.
-
-    Attributes
-    ----------
-    states : int
-        Complex numbers in a state.
-    decay_per_s : (states,) array
+    Parameters and projection are of the same geometry.
     """
 
     def __init__(self, parameters: CanisterParameters, projection: Projection) -> None:
         p, q = parameters, projection
-        self.states = q.mode.size
+        self.states = q.mode.size  #: complex numbers in a state
         self._mode, self._modes = q.mode, np.arange(q.mode[-1] + 1)
         self._radius_mm = p.outer_radius_mm
         decay, turn = q.diagonal(p.conductivity_w_per_m_k, p.surface_w_per_m2_k, p.clamp_w_per_m2_k)
@@ -91,7 +77,6 @@ class ReducedCanister(HeatModel):
     def step(
         self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
     ) -> CanisterState:
-        """As of :class:`HeatModel`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
         source, _, _ = self._at(axial_mm)
         decay, response = self._over(traverse_mm_per_s, dt_s)
@@ -121,7 +106,6 @@ class ReducedCanister(HeatModel):
         return self._response[1], self._response[2]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
-        """As of :class:`HeatModel`."""
         _, rim, rest = self._at(state.axial_mm)
         theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
         return float(self.copper.temperature_c(theta))

@@ -9,32 +9,22 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.copper import Kirchhoff
+from fsw_canister.copper import Array, Kirchhoff
 from fsw_canister.parameters import CanisterParameters
 from fsw_schema.models import InputError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
 class CanisterState:
-    """Heat in the canister and where the tool is.
+    """Heat in the canister and where the tool is."""
 
-    Attributes
-    ----------
-    modes : (states,) array
-        Amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones in the tool's frame.
-    angle_rad, axial_mm : float
-        Place of the tool: around the canister from its start, and above the joint line.
-    power_kw : float
-        Power of the last step.
-    """
-
+    #: amplitudes of theta (``copper.py``) in the vectors of the model: complex ones, or real ones in the tool's frame
     modes: Complex | Array
-    angle_rad: float = 0.0
-    axial_mm: float = 0.0
-    power_kw: float = 0.0
+    angle_rad: float = 0.0  #: place of the tool around the canister from its start
+    axial_mm: float = 0.0  #: and above the joint line
+    power_kw: float = 0.0  #: of the last step
 
     def copy(self) -> CanisterState:
         """Independent copy."""
@@ -72,16 +62,8 @@ class HeatModel(ABC):
     ) -> CanisterState:
         """State after a step, with the inputs held.
 
-        Parameters
-        ----------
-        state : CanisterState
-        power_kw : float
-            Power (24), tool's share included.
-        traverse_mm_per_s : float
-            At the outer surface; backwards if negative.
-        axial_mm : float
-            Tool's position above the joint line.
-        dt_s : float
+        The power (24) includes the tool's share; the traverse speed is that at the outer surface, backwards if
+        negative; the tool's axial position is that above the joint line.
 
         Raises
         ------

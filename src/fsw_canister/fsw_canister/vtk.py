@@ -18,19 +18,9 @@ _POINTS_PER_WAVE = 3
 
 
 def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> list[Path]:
-    """Write a file for each moment, and one that has them in order of time.
+    """Write a file for each moment into a folder that exists, and one that has them in order of time.
 
-    Parameters
-    ----------
-    history : HeatHistory
-    times_s : sequence of float
-    folder : Path
-        Must exist.
-
-    Returns
-    -------
-    list of Path
-        ``canister.vtu.series`` first.
+    Returns their paths, ``canister.vtu.series`` first.
     """
     meshio = extra("meshio")
     canister = history.canister

@@ -1,5 +1,6 @@
 """Parameters in files, properties of copper, and the cache."""
 
+import functools
 import json
 import subprocess
 import sys
@@ -8,15 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_canister import CanisterParameters, load_or_reduce
+from fsw_canister import CanisterParameters, cache, load_or_reduce
 from fsw_canister.cache import cache_path
 from fsw_canister.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
+from fsw_canister.projection import Projection, project
 from fsw_schema.models import InputError
 
 TINY = CanisterParameters(
     outer_radius_mm=60.0, wall_mm=20.0, rim_mm=40.0, lid_mm=0.0, tube_mm=100.0, lowest_mm=-5.0, probe_radius_mm=15.0,
     probe_length_mm=20.0, shoulder_radius_mm=20.0, clamp_from_mm=60.0, clamp_to_mm=80.0, element_mm=5.0, modes=12,
 )  # fmt: skip
+
+
+@functools.cache
+def _projection() -> Projection:
+    return project(TINY)
 
 
 def test_defaults_are_those_of_the_table() -> None:
@@ -85,6 +92,18 @@ class TestCache:
     def _needs_finite_elements(self) -> None:
         pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
 
+    @pytest.fixture
+    def made(self, monkeypatch: pytest.MonkeyPatch) -> list[CanisterParameters]:
+        """What a projection was made for; all get that of the tiny canister, which is computed once."""
+        asked: list[CanisterParameters] = []
+
+        def project(parameters: CanisterParameters, _progress: object) -> Projection:
+            asked.append(parameters)
+            return _projection()
+
+        monkeypatch.setattr(cache, "project", project)
+        return asked
+
     def test_it_is_made_once_with_progress(self, tmp_path: Path) -> None:
         shares: list[float] = []
         first = load_or_reduce(TINY, tmp_path, lambda share, _text: shares.append(share))
@@ -121,7 +140,7 @@ class TestCache:
         assert cache_path(other) == cache_path(TINY)
         assert cache_path(TINY.changed(wall_mm=20.5)) != cache_path(TINY)
 
-    def test_a_damaged_one_is_made_anew(self, tmp_path: Path) -> None:
+    def test_a_damaged_one_is_made_anew(self, tmp_path: Path, made: list[CanisterParameters]) -> None:
         load_or_reduce(TINY, tmp_path)
         path = cache_path(TINY, tmp_path)
         whole = path.read_bytes()
@@ -129,7 +148,9 @@ class TestCache:
             path.write_bytes(content)
             assert load_or_reduce(TINY, tmp_path).states > 0
             assert len(path.read_bytes()) == len(whole)
+        assert made == [TINY] * 4
 
+    @pytest.mark.usefixtures("made")
     def test_a_given_file_of_another_geometry_is_refused(self, tmp_path: Path) -> None:
         path = tmp_path / "mine.npz"
         load_or_reduce(TINY, path)
@@ -139,6 +160,7 @@ class TestCache:
         with pytest.raises(InputError, match="holds no reduced canister"):
             load_or_reduce(TINY, path)
 
+    @pytest.mark.usefixtures("made")
     def test_a_place_that_cannot_be_written_does_without(self, tmp_path: Path) -> None:
         (tmp_path / "file").write_text("")
         texts: list[str] = []

@@ -11,7 +11,7 @@ _NEAR_MM, _NEAR_C = 0.005, 0.5
 
 
 def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
-    """The attainable set-points among what a controller tells; None where it tells none."""
+    """The attainable set-points among what a controller reports; None where it reports none."""
     found = [quantities.get(name) for name in ("attainable_depth_mm", "attainable_temperature_c")]
     return None if found[0] is None or found[1] is None else Reference(found[0], found[1])
 

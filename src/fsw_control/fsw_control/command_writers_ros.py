@@ -54,7 +54,7 @@ class CommandWriters:
         """Note that a command signed with ``token`` was refused."""
         self._refused[signature(token)[1]] += 1
 
-    def strange(self) -> int:
+    def unauthorised(self) -> int:
         """Commands refused since the last call that none of the supervisors has signed that lead or have led.
 
         Of two of them the commands meet for a moment when one takes over from the other. One that has just begun to

@@ -184,7 +184,7 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
 
 
 def attainable(message: ControllerStatus) -> Reference | None:
-    """The set-points that a controller goes for; None where it does not tell them."""
+    """The set-points that a controller goes for; None where it does not report them."""
     wire = dict(zip(message.disturbance_names, message.disturbances, strict=False))
     names = [_WIRE[name][0] for name in ("attainable_depth_mm", "attainable_temperature_c")]
     if not wire.keys() >= set(names):

@@ -69,11 +69,11 @@ def log(node: Node, level: bytes, text: str) -> None:
         logger.info(text)
 
 
-def commands(gate: CommandGate, new_refusals: int, publishers: Sequence[str], strange: int) -> Report:
+def commands(gate: CommandGate, new_refusals: int, publishers: Sequence[str], unauthorised: int) -> Report:
     """Commands refused (``new_refusals`` since the last report), and the nodes that publish them.
 
     Two publishers are normal for a moment while a standby takes over; an error only when commands are refused too that
-    are ``strange``: not of a supervisor.
+    are ``unauthorised``: not of a supervisor.
     """
     names = ", ".join(publishers)
     values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}
@@ -81,7 +81,7 @@ def commands(gate: CommandGate, new_refusals: int, publishers: Sequence[str], st
     values["publishers"] = names
     level, texts = OK, []
     if len(publishers) > 1:
-        level = ERROR if strange else WARN
+        level = ERROR if unauthorised else WARN
         texts.append(f"{len(publishers)} publishers: {names}")
     if new_refusals:
         level = max(level, WARN)

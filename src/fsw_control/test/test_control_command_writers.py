@@ -28,7 +28,7 @@ def leads(writers, token):
 def refused(writers, *tokens):
     for token in tokens:
         writers.note_refused(token)
-    return commands(GATE, len(tokens), ["one", "two"], writers.strange())
+    return commands(GATE, len(tokens), ["one", "two"], writers.unauthorised())
 
 
 def test_takeover_between_supervisors_is_no_foreign_writer(writers):
@@ -37,8 +37,8 @@ def test_takeover_between_supervisors_is_no_foreign_writer(writers):
     leads(writers, "2.bbb")
     assert refused(writers, "1.aaa", "2.bbb").level == WARN
     assert refused(writers).level == WARN
-    assert commands(GATE, 1, ["one"], writers.strange()).level == WARN
-    assert commands(GATE, 0, ["one"], writers.strange()).level == OK
+    assert commands(GATE, 1, ["one"], writers.unauthorised()).level == WARN
+    assert commands(GATE, 0, ["one"], writers.unauthorised()).level == OK
 
 
 def test_publishers_are_logged_once_and_by_name():

@@ -29,13 +29,6 @@ class DecentralController:
     values : mapping of str to Any, optional
         Parameters as described in ``decentral.yaml``; what is missing has its default.
 
-    Attributes
-    ----------
-    gains : Gains
-        In use.
-    limits : Limits
-    library : fsw_control.c_library.CController
-
     Raises
     ------
     ValueError

@@ -5,7 +5,9 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from jinja2 import select_autoescape
+
+from fsw_analysis.report import templates
 
 
 def _c(value: Any) -> str:
@@ -15,14 +17,8 @@ def _c(value: Any) -> str:
     return {inf: "INFINITY", -inf: "-INFINITY"}.get(value) or repr(value)
 
 
-_ENVIRONMENT = Environment(
-    loader=PackageLoader("fsw_export"),
-    autoescape=select_autoescape(["xml.j2"]),
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
+_ENVIRONMENT = templates("fsw_export")
+_ENVIRONMENT.autoescape = select_autoescape(["xml.j2"])
 _ENVIRONMENT.filters["c"] = _c
 
 

@@ -19,8 +19,8 @@ from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
 
-#: share of the inputs that are wrong in the vectors with faults, and their values then
-_SHARE = 0.03
+#: ticks of the vectors with faults; share of the inputs that are wrong there, and their values then
+_FAULTY_TICKS, _SHARE = 600, 0.03
 _WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
 _WRONG_INTS = (0, 1, -7)
 _WRONG_TIMES = (0.0, -1.0, nan, 0.05, 0.3, 2.0, 5.0)
@@ -91,14 +91,14 @@ def recorded(
     return sources, {"weld": weld, "faults": with_faults(weld)}
 
 
-def with_faults(weld: VectorRecorder, ticks: int = 600) -> VectorRecorder:
+def with_faults(weld: VectorRecorder) -> VectorRecorder:
     """Vectors from the ticks of a weld in which every input may be wrong: NaN, infinite, absurd, stale, late."""
     rng = random.Random(7)
     names = [signal.name for signal in weld.inputs]
     first = dict(zip(names, weld.ticks[0], strict=True))
     weld.library.reset(first["applied_force_kn"], first["applied_speed_rpm"])  # as the example does
     with VectorRecorder(weld.library, weld.inputs, weld.outputs) as recorder:
-        for k, tick in enumerate(weld.ticks[:ticks]):
+        for k, tick in enumerate(weld.ticks[:_FAULTY_TICKS]):
             for signal, value in zip(weld.inputs, tick, strict=True):
                 _put(weld.library.input, signal.in_c, value)
                 if k > 0 and rng.random() < _SHARE:

@@ -17,6 +17,7 @@ from fsw_export import fmu
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import UNITS
 from fsw_plant import PlantConfig, PlantEmulator
+from fsw_plant.event_schema import disturbance
 from fsw_test_support.c_code import STRICT, compile_c
 from fsw_test_support.exports import fmu_file
 from fsw_test_support.fmus import Units, fmpy, fmu_loop
@@ -119,7 +120,7 @@ def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str,
         assert {name: plant.get(name) for name in same} == pytest.approx(same, rel=1e-12)
         for (channel, unit), value in zip(channels.items(), (0.1 * random.normal(size=4)).round(6), strict=True):
             if tick % 10 == 0:
-                emulator.set_disturbance(channel, "step", value)
+                emulator.begin(disturbance(channel, "step", value))
                 plant.set(**{f"{channel}_disturbance_{unit}": value})
         command = Command(78.4 + random.uniform(-3.0, 3.0), 405.0 + random.uniform(-9.0, 9.0))
         assert emulator.apply(command) == ""

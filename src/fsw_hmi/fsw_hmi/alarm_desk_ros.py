@@ -18,15 +18,7 @@ from fsw_msgs.msg import AlarmEvent
 
 
 class AlarmDesk:
-    """Judges what a :class:`Watch` has heard.
-
-    Parameters
-    ----------
-    node : Node
-    watch : Watch
-    setting : callable
-        Returns a parameter of the node by its name.
-    """
+    """Judges what a :class:`Watch` has heard; ``setting`` returns a parameter of the node by its name."""
 
     def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
         self.list = AlarmList(lambda count: alarm("flood", count=count))

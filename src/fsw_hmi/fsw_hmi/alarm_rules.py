@@ -134,10 +134,7 @@ class Situation:
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
 
-    Parameters
-    ----------
-    setting : callable
-        Returns a parameter of the node by its name.
+    ``setting`` returns a parameter of the node by its name.
     """
 
     def __init__(self, setting: Callable[[str], float]) -> None:

@@ -88,12 +88,8 @@ class AlarmList:
     """Keeps every alarm until it is gone and acknowledged.
 
     One that comes back before it was acknowledged has a new time and a count. Of each trip the alarm that came first
-    is marked until the trip is acknowledged: most that follow are consequences.
-
-    Parameters
-    ----------
-    flood : callable
-        The alarm that stands for so many that come at once.
+    is marked until the trip is acknowledged: most that follow are consequences. ``flood`` makes the alarm that stands
+    for so many that come at once.
     """
 
     def __init__(self, flood: Callable[[int], Alarm]) -> None:

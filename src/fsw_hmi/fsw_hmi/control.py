@@ -68,10 +68,7 @@ class Session:
 class Control:
     """Control as a state machine: free or held, and while it is held asked for by at most one other.
 
-    Parameters
-    ----------
-    answer_s : float
-        After which control that was asked for may be taken without an answer.
+    Control that was asked for may be taken without an answer after ``answer_s``.
     """
 
     def __init__(self, answer_s: float) -> None:

@@ -70,16 +70,8 @@ class Order:
 class ControlRoom:
     """Sessions, login and control. Nothing here acts; it says what may be done.
 
-    Parameters
-    ----------
-    key : str or Users
-        The token that a person must know to command, or the named users.
-    local_stop : bool, optional
-        Whether pages on this computer may stop without login.
-    idle_timeout_s : float, optional
-        After which a page that nobody touches gives control back; 0: never.
-    handover_timeout_s : float, optional
-        After which control that was asked for may be taken without an answer.
+    ``key`` is the token that a person must know to command, or the named users; the rest are parameters of the node,
+    which ``hmi.yaml`` describes.
     """
 
     def __init__(

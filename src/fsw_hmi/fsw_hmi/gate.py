@@ -35,13 +35,7 @@ class _Peer:
 class Gate:
     """Counts connections. Where there are too many, the client with the most loses the oldest that only waits, then the
     oldest page of a stranger. Pages of who has logged in stay; if there are no others, the new connection goes.
-
-    Parameters
-    ----------
-    of_client, of_all : int, optional
-        Most connections of one client and of all.
-    request_s : float, optional
-        How long a connection may take for a whole request.
+    A connection that takes longer than ``request_s`` for a whole request is closed.
     """
 
     def __init__(self, of_client: int = _OF_CLIENT, of_all: int = _OF_ALL, request_s: float = _REQUEST_S) -> None:

@@ -43,13 +43,8 @@ _ROW: TypeAdapter[list[_Value]] = TypeAdapter(
 class Keeper:
     """Keeps state and rows in a folder; without one (None), or when the disk does not take them, does nothing.
 
-    The state is replaced as a whole. Rows are appended: a kill loses those since the last :meth:`keep`.
-
-    Parameters
-    ----------
-    folder : Path or None
-    warn : callable
-        Is told in a line, once each, why nothing can be kept, and why what was kept before is not used.
+    The state is replaced as a whole. Rows are appended: a kill loses those since the last :meth:`keep`. ``warn`` gets
+    a line, once each, that says why nothing can be kept, and why what was kept before is not used.
     """
 
     def __init__(self, folder: Path | None, warn: Callable[[str], object]) -> None:

@@ -74,12 +74,9 @@ def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> lis
 def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None = None) -> dict[str, dict[str, Any]]:
     """Limits of every quantity for the page, in its protocol's words.
 
-    Parameters
-    ----------
-    parameters : mapping of str to number
-        Of the supervisor, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
-    deviations : mapping of str to float, optional
-        By name of ``DEVIATIONS``, that of the depth is its quality limit; also by those of ``QUALITY_TEMPERATURE``.
+    ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
+    ``deviations`` go by the names in ``DEVIATIONS``, that of the depth is its quality limit, and by those in
+    ``QUALITY_TEMPERATURE``.
     """
     found: dict[str, dict[str, Any]] = {}
     for quantity, (scale, known, *_) in _QUANTITIES.items():

@@ -28,20 +28,9 @@ class NpmError(Exception):
 
 
 def install(folder: Path, options: Sequence[str] = (), at_least: tuple[int, ...] = ()) -> Path:
-    """Install the packages into ``node_modules`` of a folder, unless they are there already.
+    """Install the packages into ``node_modules`` of a folder, unless they are there already; returns that.
 
-    Parameters
-    ----------
-    folder : Path
-    options : sequence of str
-        Further ones of ``npm ci``.
-    at_least : tuple of int
-        Oldest version of Node.js.
-
-    Returns
-    -------
-    Path
-        ``node_modules``.
+    ``options`` are further ones of ``npm ci``, ``at_least`` is the oldest version of Node.js.
 
     Raises
     ------

@@ -24,12 +24,7 @@ _TYPES = {
 class PageFiles:
     """The page as routes: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
 
-    Parameters
-    ----------
-    source : str
-        What the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in its index.html.
-    folder : Path, optional
-        Of the page's files.
+    ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in its index.html.
 
     Raises
     ------

@@ -19,15 +19,8 @@ def why_not(
 ) -> str:
     """Why an action is refused before it is sent; empty if it is not. A safe stop never is.
 
-    Parameters
-    ----------
-    action : Action
-    state : mapping or None
-        The supervisor's, as the page gets it; None where it is not known now.
-    in_force : tuple of float or None
-        Set-points in mm and degC; None where they are not known, or others are to come.
-    interlocks : mapping of str to float
-        Parameters of the supervisor.
+    ``state`` is the supervisor's, as the page gets it (None: not known now), ``in_force`` are set-points in mm and degC
+    (None: not known, or others are to come), and ``interlocks`` are parameters of the supervisor.
     """
     if isinstance(action, SetReference):
         wanted = action.depth_mm, action.temperature_c

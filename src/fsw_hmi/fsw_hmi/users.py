@@ -99,11 +99,7 @@ class Users:
 class UsersFile(Users):
     """The users in a file, read again when it has changed. With a broken one those before stay.
 
-    Parameters
-    ----------
-    path : Path
-    warn : callable
-        Is told in a line, once for each change, why the file cannot be used.
+    ``warn`` gets a line, once for each change, that says why the file cannot be used.
 
     Raises
     ------

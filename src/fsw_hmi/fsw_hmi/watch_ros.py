@@ -50,15 +50,8 @@ class Watch:
     A plant may wait with its first tick for a number of subscribers of its sensors, meant are the controllers. So this
     node subscribes to the sensors only while it hears the drives, whose subscribers are not counted.
 
-    Parameters
-    ----------
-    node : Node
-    on_rows : callable
-        Gets the rows that are over, and whether another weld has begun.
-    on_prediction : callable
-        Gets a controller's prediction as the content of its frame.
-    on_state : callable
-        Called when the supervisor has reported.
+    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction`` a controller's
+    prediction as the content of its frame; ``on_state`` is called when the supervisor has reported.
     """
 
     def __init__(

@@ -40,20 +40,8 @@ class _Pending:
 class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
-    Parameters
-    ----------
-    files : PageFiles
-    room : ControlRoom
-    deliver : callable
-        Takes an :class:`Order`; called in the server's thread.
-    request_timeout_s : float
-        What the graph may take for an answer.
-    patience_s : float
-        After which a page that takes nothing is given up.
-    max_pages : int
-        Of one client.
-    know : callable, optional
-        Told address and port of a connection by which somebody has logged in.
+    ``deliver`` takes an :class:`Order`, in the server's thread; ``know`` address and port of a connection by which
+    somebody has logged in. The numbers are parameters of the node, which ``hmi.yaml`` describes.
     """
 
     def __init__(

@@ -141,16 +141,7 @@ def server(
 
 
 class WebThread:
-    """The live page's server in a thread of its own.
-
-    Parameters
-    ----------
-    page : LivePage
-    app : ASGI application
-        With the routes of the page.
-    listening : Listening
-    encrypted : ssl.SSLContext, optional
-    """
+    """The live page's server in a thread of its own; ``app`` has the routes of the page."""
 
     def __init__(
         self, page: LivePage, app: ASGIApp, listening: Listening, encrypted: ssl.SSLContext | None = None

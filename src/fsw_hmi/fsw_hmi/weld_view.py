@@ -27,11 +27,7 @@ class WeldView:
     The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A tick is over when all
     sensors have come or the next one begins. The command of a row is the one in force when it was measured. Stamps of
     drives that are older than the newest are late, or of another weld where they are further back than `JUMP_NS`.
-
-    Parameters
-    ----------
-    reference_at : callable
-        The set-points in force at a tick, None before the first.
+    ``reference_at`` tells the set-points in force at a tick, None before the first.
     """
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:

@@ -202,7 +202,7 @@ class MachineNode(ManagedNode):
             ),
             reports.machine(gateway, self._stalled_s, link.tracker.skipped, link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
-            commands_report(gateway.gate, refused, self._writers.names, self._writers.strange()),
+            commands_report(gateway.gate, refused, self._writers.names, self._writers.unauthorised()),
             reports.writes(gateway, failed, longest_s),
         ]
         self._diagnostics.publish(lines)

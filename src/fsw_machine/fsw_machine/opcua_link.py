@@ -96,12 +96,7 @@ class BackOff:
 class MachineLink:
     """Connects, reads every cycle, writes orders, and connects again, until it is stopped.
 
-    Parameters
-    ----------
-    machine : MachineFile
-    settings : LinkSettings
-    deliver : callable
-        Gets every event; called in the link's thread.
+    ``deliver`` gets every event; it is called in the link's thread.
     """
 
     def __init__(self, machine: MachineFile, settings: LinkSettings, deliver: Callable[[Event], None]) -> None:

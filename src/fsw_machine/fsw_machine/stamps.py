@@ -13,33 +13,19 @@ class Stamps:
     first stamp the local time. Where the source timestamps leave both what the cycle counter has counted and what has
     passed here by half a second, or do not rise, the server's clock was set: the shift takes up the step, so that the
     stamps go on as if it had not been. Less than that is a busy machine or network.
-
-    Attributes
-    ----------
-    steps : int
-        Steps of the server's clock.
-    shift_ns : int
-        Stamp less source timestamp.
     """
 
     def __init__(self, period_ns: int, received: bool = False) -> None:
-        self.steps = self.shift_ns = 0
+        self.steps = 0  #: of the server's clock
+        self.shift_ns = 0  #: stamp less source timestamp
         self._period_ns, self._received = period_ns, received
         self._last_ns: int | None = None
 
     def next(self, source_ns: int, steps: int, local_ns: int, elapsed_ns: int) -> int:
-        """Stamp of a tick.
+        """Stamp of a tick from the counter's source timestamp.
 
-        Parameters
-        ----------
-        source_ns : int
-            Source timestamp of the counter.
-        steps : int
-            Cycles since the tick before; 0: not known.
-        local_ns : int
-            Local wall clock.
-        elapsed_ns : int
-            Time since the tick before on the local steady clock.
+        ``steps`` and ``elapsed_ns`` are the cycles (0: not known) and the time on the local steady clock since the tick
+        before; ``local_ns`` is the local wall clock.
         """
         if self._last_ns is None:
             self.shift_ns = local_ns - source_ns if self._received else 0

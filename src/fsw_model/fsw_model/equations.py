@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import exp, pi
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -53,8 +54,8 @@ def friction_torque_nm(p: ModelParameters, speed_rpm: ca.SX) -> ca.SX:
     )
 
 
-def power_kw(torque_nm: ca.SX, speed_rpm: ca.SX) -> ca.SX:
-    """Power P (24) of a motor torque less the friction."""
+def power_kw(torque_nm: Any, speed_rpm: Any) -> Any:
+    """Power P (24) of a motor torque less the friction, of symbols, numbers or arrays."""
     return torque_nm * speed_rpm * (pi / 30000.0)
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from functools import cache
 from math import nan
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from fsw_schema.models import InputError, Model, content_of, problem, read_text, validate
+from fsw_schema.models import Parameters, problem
 from fsw_schema.ranges import Range
 
 
-class ModelParameters(Model):
+class ModelParameters(Parameters):
     """Coefficients of equations (15)-(27), in the units of their names; the nominal ones by default.
 
     Attributes
@@ -44,6 +43,9 @@ class ModelParameters(Model):
     ValueError
         If a value is not finite, not physical, or beyond what the model's step of 0.1 s can do.
     """
+
+    what = "model"
+    example = "dead_time_s: 2.5"
 
     operating_force_kn: PositiveFloat = Field(default=78.4, description="paper (15)")
     operating_depth_mm: PositiveFloat = Field(default=2.66, description="paper (15)")
@@ -85,32 +87,6 @@ class ModelParameters(Model):
             If a name is unknown or a value is not valid.
         """
         return self.changed(**{name: getattr(self, name, nan) * factor for name, factor in factors.items()})
-
-    @classmethod
-    def from_yaml(cls, text: str, where: str = "model parameters") -> ModelParameters:
-        """Read the parameters that differ from the nominal ones.
-
-        Parameters
-        ----------
-        text : str
-            YAML mapping of parameter names to numbers.
-        where : str
-            Name of the source, for error messages.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If the text is not a mapping or empty, or a name or value is not valid.
-        """
-        content = content_of(text, where)
-        if content is None:
-            raise InputError(f"{where}: holds no parameters; give some, e.g. dead_time_s: 2.5")
-        return validate(cls, content, where)
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> ModelParameters:
-        """Read a YAML file, see :meth:`from_yaml`; also one that cannot be read is an InputError."""
-        return cls.from_yaml(read_text(path, "model"), str(path))
 
 
 @cache

@@ -26,17 +26,10 @@ class OperatingPointError(ValueError):
 
 @dataclass(slots=True)
 class ProcessState:
-    """State of the process: the six states and the power on its way through the dead time.
+    """State of the process: the six states and the power on its way through the dead time."""
 
-    Attributes
-    ----------
-    x : tuple of 6 float
-        In the order of ``equations.STATE_NAMES``.
-    power : deque of (float, float, float, float)
-        Power deviation (24) during each step of the last dead time, oldest first, see ``equations.N_POWER``.
-    """
-
-    x: tuple[float, ...]
+    x: tuple[float, ...]  #: in the order of ``equations.STATE_NAMES``
+    #: power deviation (24) during each step of the last dead time, oldest first, see ``equations.N_POWER``
     power: deque[Power]
 
     def copy(self) -> ProcessState:
@@ -72,19 +65,14 @@ class Linearisation:
 
     ``dx/dt = a x + b u + b_power p(t - dead_time_s)``, ``p = c_power x + d_power u``, ``y = c x``
     with u = (force kN, speed rpm), p = power kW, y = (depth mm, temperature degC, motor torque N m).
-
-    Attributes
-    ----------
-    a : (6, 6), b : (6, 2), b_power : (6,), c_power : (6,), d_power : (2,), c : (3, 6) arrays
-    dead_time_s : float
     """
 
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    b_power: NDArray[np.float64]
-    c_power: NDArray[np.float64]
-    d_power: NDArray[np.float64]
-    c: NDArray[np.float64]
+    a: NDArray[np.float64]  #: (6, 6)
+    b: NDArray[np.float64]  #: (6, 2)
+    b_power: NDArray[np.float64]  #: (6,)
+    c_power: NDArray[np.float64]  #: (6,)
+    d_power: NDArray[np.float64]  #: (2,)
+    c: NDArray[np.float64]  #: (3, 6)
     dead_time_s: float
 
     def frequency_response(self, omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -133,22 +121,13 @@ def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:
 class ProcessModel:
     """Friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
-    Parameters
-    ----------
-    parameters : ModelParameters, optional
-        The paper's by default.
-
-    Attributes
-    ----------
-    delay_steps : int
-        Steps that the dead time spans, the last perhaps in part.
-    step_function, output_function : casadi.Function
-        See :mod:`fsw_model.equations`.
+    Its parameters are the paper's by default. ``step_function`` and ``output_function`` are those of
+    :mod:`fsw_model.equations`.
     """
 
     def __init__(self, parameters: ModelParameters | None = None) -> None:
         self.parameters = p = parameters or nominal()
-        self.delay_steps = ceil(p.dead_time_s / STEP_S - 1e-9)
+        self.delay_steps = ceil(p.dead_time_s / STEP_S - 1e-9)  #: that the dead time spans, the last perhaps in part
         self.step_function = equations.step_function(p, STEP_S - (self.delay_steps * STEP_S - p.dead_time_s))
         self.output_function = equations.output_function(p)
         self._step = _Numeric(self.step_function)

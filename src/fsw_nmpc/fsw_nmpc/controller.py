@@ -70,11 +70,6 @@ class NmpcController:
     values : mapping of str to Any, optional
         Parameters as described in ``nmpc.yaml``; what is missing has its default.
 
-    Attributes
-    ----------
-    settings : Settings
-    library : Library
-
     Raises
     ------
     ValueError

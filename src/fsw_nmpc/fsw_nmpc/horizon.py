@@ -53,48 +53,28 @@ def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
 
 @dataclass(frozen=True, slots=True)
 class Horizon:
-    """Grid, blocks and the tables that a prediction needs.
+    """Grid, blocks and the tables that a prediction needs."""
 
-    Attributes
-    ----------
-    time_s : (n_out,) array
-        Output points (the ends of the intervals).
-    interval_block : (n_out,) int array
-        Block of moves of each interval.
-    interval_ticks : (n_out,) array
-        Length of each interval.
-    block_reach : (n_blocks,) array
-        Largest move of a block's intervals in largest moves of a tick.
-    step_length_s, step_interval : (n_steps,) arrays
-        Model steps, none longer than ``longest_step_s``.
-    out_step : (n_out,) int array
-        Step whose end is the output point.
-    depth_width, temperature_width : (n_out,) int arrays
-        Leading variables (two per block) that an output depends on.
-    modes : (n_steps, 10) array
-        Per step: gain of creep; decay and gain of the slow mode; decay of the motor torque and its lag over the step's
-        length; transition of (copper, tool): cc, tc, tt; their gains of a constant power.
-    weight_start : (n_steps + 1,) int array
-    weight_segment : (n,) int array
-    weight : (n, 6) array
-        Delayed power: segment (history first), weights of its three coefficients on copper, then on the tool.
-    n_history : int
-        Power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is no whole number.
-    """
-
-    time_s: Vector
-    interval_block: Indices
-    interval_ticks: Vector
-    block_reach: Vector
+    time_s: Vector  #: (n_out,) output points, the ends of the intervals
+    interval_block: Indices  #: (n_out,) block of moves of each interval
+    interval_ticks: Vector  #: (n_out,) length of each interval
+    block_reach: Vector  #: (n_blocks,) largest move of a block's intervals in largest moves of a tick
+    #: (n_steps,) model steps, none longer than ``longest_step_s``
     step_length_s: Vector
     step_interval: Indices
-    out_step: Indices
+    out_step: Indices  #: (n_out,) step whose end is the output point
+    #: (n_out,) leading variables (two per block) that an output depends on
     depth_width: Indices
     temperature_width: Indices
+    #: (n_steps, 10) gain of creep; decay and gain of the slow mode; decay of the motor torque and its lag over the
+    #: step's length; transition of (copper, tool): cc, tc, tt; their gains of a constant power
     modes: Vector
+    #: delayed power: (n_steps + 1,) first weight of a step, (n,) segment (history first), (n, 6) weights of its three
+    #: coefficients on copper, then on the tool
     weight_start: Indices
     weight_segment: Indices
     weight: Vector
+    #: power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is no whole number
     n_history: int
 
     @property

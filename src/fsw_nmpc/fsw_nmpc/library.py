@@ -28,20 +28,7 @@ Priority = KERNEL.enum("fsw_priority", "FSW_KEEP_")
 
 
 class Tables:
-    """The model's tables for the library; they must outlive every controller that uses them.
-
-    Parameters
-    ----------
-    parameters : ModelParameters
-    horizon : Horizon
-
-    Attributes
-    ----------
-    arrays : dict of str to array
-        What the model's pointers refer to, by field.
-    model : Any
-        A ``fsw_nmpc_model *``.
-    """
+    """The model's tables for the library; they must outlive every controller that uses them."""
 
     def __init__(self, parameters: ModelParameters, horizon: Horizon) -> None:
         p, h = parameters, horizon
@@ -65,22 +52,14 @@ class Tables:
         for field, _ in KERNEL.ffi.typeof("fsw_nmpc_model").fields:
             if field not in values:  # it is a number or a table of this name
                 values[field] = getattr(h if hasattr(h, field) else p, field)
+        #: what the model's pointers refer to, by field
         self.arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
         self._pointers = {name: pointer(array) for name, array in self.arrays.items()}
-        self.model = KERNEL.new("fsw_nmpc_model", **(values | self._pointers))
+        self.model = KERNEL.new("fsw_nmpc_model", **(values | self._pointers))  #: a ``fsw_nmpc_model *``
 
 
 class Library(CController):
-    """One controller in the loaded library.
-
-    Parameters
-    ----------
-    parameters : ModelParameters
-    horizon : Horizon
-    tuning : Any
-        A ``fsw_nmpc_tuning *``.
-    lib : Any, optional
-        Another build of the library.
+    """One controller in the loaded library; ``tuning`` is a ``fsw_nmpc_tuning *``, ``lib`` another build of it.
 
     Raises
     ------

@@ -225,7 +225,6 @@ class Tuning(Model):
         max_iterations: int = _NODE["max_iterations"],
         plan_reuse: int = _NODE["plan_reuse"],
         blind_limit_s: float = _NODE["blind_limit"],
-        tolerance: float = 1e-6,
         priority: str = _NODE["priority"],
     ) -> Any:
         """The tuning as the library takes it."""
@@ -253,7 +252,7 @@ class Tuning(Model):
             move_max=(limits.force_step_kn, limits.speed_step_rpm),
             input_min=(limits.force_min_kn, limits.speed_min_rpm),
             input_max=(limits.force_max_kn, limits.speed_max_rpm),
-            tolerance=tolerance,
+            tolerance=1e-6,
             noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
             walk=e.walks(),
             offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from fsw_control import SENSORS, weld
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
-from fsw_model.equations import MOTOR, N_POWER
-from fsw_plant.canister_process import added_kw
+from fsw_model.equations import MOTOR, N_POWER, power_kw
 from fsw_plant.config import PlantConfig
 from fsw_plant.lag import lag_left, lag_mean, lag_risen
 from fsw_plant.sensors import BLOCK, noise_of
@@ -36,17 +35,6 @@ class PlantBatch:
     n : int
     disturbances : (n_ticks + 1, 5) array
         By tick, in the order of ``CHANNELS``, in mm, degC, N m, kN, rpm.
-
-    Attributes
-    ----------
-    tick : (n,) int array
-        The present tick of each.
-    outputs : (7, n) array
-        In the order of :class:`fsw_model.Outputs`, without disturbances and noise.
-    acting : (2, n) array
-        Force [kN] and speed [rpm] as the drives report them.
-    stopped : (n,) bool array
-        Whether the tool has left the range of the model; the process then stands still.
     """
 
     def __init__(self, config: PlantConfig, n: int, disturbances: Array) -> None:
@@ -62,13 +50,17 @@ class PlantBatch:
         self._step_all = _Mapped(model.step_function, n)
         self._outputs_all = _Mapped(model.output_function, n)
         self._noise = noise_of(config)
-        self.tick = np.ones(n, dtype=np.int64)
-        self._x, self.outputs = np.empty((6, n)), np.empty((7, n))
+        self.tick = np.ones(n, dtype=np.int64)  #: the present tick of each
+        self._x = np.empty((6, n))
+        self.outputs = np.empty((7, n))  #: in the order of :class:`fsw_model.Outputs`, without disturbances and noise
         self._power = np.empty((model.delay_steps, N_POWER, n))
         self._oldest = 0  # row of the power that arrives now, of all plants
-        self._setpoint, self.position, self.acting = (np.empty((2, n)) for _ in range(3))
+        self._setpoint, self.position = np.empty((2, n)), np.empty((2, n))
+        self.acting = np.empty((2, n))  #: force [kN] and speed [rpm] as the drives report them
         self._on_the_way = np.empty((config["actuators.dead_time_ticks"], 2, n))
-        self._inertia_nm, self.stopped = np.zeros(n), np.zeros(n, dtype=bool)
+        self._inertia_nm = np.zeros(n)
+        #: whether the tool has left the range of the model; the process then stands still
+        self.stopped = np.zeros(n, dtype=bool)
         self._drawn = np.empty((len(SENSORS), n, BLOCK))
         self._deviations = np.zeros((len(SENSORS), n))  # what the noise is at, in standard deviations
         self._probe_c = np.empty(n)
@@ -167,7 +159,7 @@ class PlantBatch:
         self.stopped = ~fine
         added_nm = self._disturbed("torque")
         moved[MOTOR] += lag_risen(self.config.model.motor_lag_s) * added_nm
-        more_kw = added_kw(added_nm, mean[1])
+        more_kw = power_kw(added_nm, mean[1])
         sent[0] += more_kw
         sent[3] -= more_kw
         self._x = np.where(fine, moved, self._x)

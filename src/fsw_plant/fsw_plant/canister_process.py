@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from math import isfinite, pi
-from typing import Any
 
 from fsw_canister import CanisterState, HeatModel
 from fsw_canister.history import heated
@@ -23,16 +22,10 @@ from fsw_schema.models import InputError
 
 @dataclass(slots=True)
 class CanisterProcessState(ProcessState):
-    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used.
+    """State of the process on a canister; ``x[COPPER]`` is the stir zone, ``power`` is not used."""
 
-    Attributes
-    ----------
-    copper : deque of float
-        Deviation of the stir zone's temperature at the present tick and before it, as far as the dead time reaches,
-        oldest first.
-    canister : CanisterState
-    """
-
+    #: deviation of the stir zone's temperature at the present tick and before it, as far as the dead time reaches,
+    #: oldest first
     copper: deque[float]
     canister: CanisterState
 
@@ -41,19 +34,10 @@ class CanisterProcessState(ProcessState):
         return CanisterProcessState(self.x, self.power, deque(self.copper), self.canister)
 
 
-def added_kw(added_nm: Any, speed_rpm: Any) -> Any:
-    """Power (24) of a torque that is added, of floats or arrays."""
-    return power_kw(added_nm, speed_rpm)
-
-
 class CanisterProcess:
     """The process on a canister, a :class:`fsw_plant.process.PlantProcess`.
 
-    Parameters
-    ----------
-    parameters : ModelParameters
-        Of all but the copper's gain and lag.
-    canister : HeatModel
+    ``parameters`` are those of all but the copper's gain and lag.
     """
 
     def __init__(self, parameters: ModelParameters, canister: HeatModel) -> None:
@@ -73,7 +57,7 @@ class CanisterProcess:
         mean_kw, depth_mm = result[6:]
         lag_s = self.parameters.motor_lag_s
         if added_nm:  # which rises within the step as 1 - exp(-s / lag)
-            mean_kw += (1.0 - lag_mean(lag_s)) * added_kw(added_nm, speed_rpm)
+            mean_kw += (1.0 - lag_mean(lag_s)) * power_kw(added_nm, speed_rpm)
         if not (depth_mm > 0.0 and isfinite(mean_kw)):
             raise OperatingPointError(
                 f"process model: depth {depth_mm:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "

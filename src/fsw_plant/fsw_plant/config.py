@@ -53,24 +53,12 @@ def _canister_specs() -> dict[str, ParameterSpec]:
 
 @dataclass(frozen=True, slots=True)
 class PlantConfig:
-    """Settings of a plant, by the names of ``plant.yaml``: ``config["watchdog.hold_s"]``.
+    """Settings of a plant, by the names of ``plant.yaml``: ``config["watchdog.hold_s"]``."""
 
-    Attributes
-    ----------
-    values : mapping of str to Any
-        All of them; units, ranges and meaning are in ``plant.yaml``.
-    limits : Limits
-        Bounds and largest change per tick of the drives.
-    model : ModelParameters
-        Those of the emulated process, mismatch included.
-    canister : CanisterParameters or None
-        Those of the canister, None where the process is the paper's.
-    """
-
-    values: Mapping[str, Any]
-    limits: Limits
-    model: ModelParameters
-    canister: CanisterParameters | None = None
+    values: Mapping[str, Any]  #: all of them; units, ranges and meaning are in ``plant.yaml``
+    limits: Limits  #: of the drives
+    model: ModelParameters  #: of the emulated process, mismatch included
+    canister: CanisterParameters | None = None  #: None where the process is the paper's
 
     def __getitem__(self, name: str) -> Any:
         return self.values[name]

@@ -26,7 +26,6 @@ from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
-from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
@@ -42,25 +41,16 @@ _REST_TICKS = 36_000
 
 
 class Reading(NamedTuple):
-    """The samples that the sensors send at a tick.
-
-    Attributes
-    ----------
-    tick : int
-    stamp_ns : int
-        Stamp of the tick.
-    depth_mm, torque_nm, temperature_c : tuple of Sample
-        One sample each while the sensor works; none when it drops out, two when it duplicates, one with an older
-        stamp when it is late.
-    drives : Command
-        Inputs that act, as the drives report them: input disturbances included, as a load cell sees them.
-    """
+    """The samples that the sensors send at a tick."""
 
     tick: int
-    stamp_ns: int
+    stamp_ns: int  #: of the tick
+    #: one sample each while the sensor works; none when it drops out, two when it duplicates, one with an older stamp
+    #: when it is late
     depth_mm: tuple[Sample, ...]
     torque_nm: tuple[Sample, ...]
     temperature_c: tuple[Sample, ...]
+    #: inputs that act, as the drives report them: input disturbances included, as a load cell sees them
     drives: Command
 
 
@@ -96,21 +86,6 @@ class PlantEmulator:
     schedule : PlantSchedule, optional
         Timed disturbances and faults.
 
-    Attributes
-    ----------
-    tick : int
-        The present tick.
-    stopped : str
-        Empty while the process runs. When the tool leaves the range of the model, the reason; the process then
-        stands still and is measured as it stood, until :meth:`reset`.
-    applied : Command
-        The command that the drives follow (the watchdog's while it has taken over).
-    gate : CommandGate
-        Counts the refused commands.
-    watchdog : Watchdog
-    disturbances, faults : dict
-        Those that are set, by channel and by sensor.
-
     Raises
     ------
     fsw_model.OperatingPointError
@@ -120,7 +95,7 @@ class PlantEmulator:
     def __init__(self, config: PlantConfig | None = None, schedule: PlantSchedule | None = None) -> None:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
-        self.tick = FIRST_TICK
+        self.tick = FIRST_TICK  #: the present one
         self._process = process_of(self.config)
         self._travel = ToolTravel(self.schedule.path, self.config)
         self._reading: Reading | None = None
@@ -139,12 +114,15 @@ class PlantEmulator:
         self._state, self._outputs = start.state.copy(), start.outputs
         self._force = Actuator(start.force_kn, limits.force_step_kn, *config.drives)
         self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, *config.drives)
+        #: the command that the drives follow (the watchdog's while it has taken over)
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
         self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
+        #: empty while the process runs. When the tool leaves the range of the model, the reason; the process then
+        #: stands still and is measured as it stood, until :meth:`reset`
         self.stopped = ""
-        self.disturbances: dict[str, Disturbance] = {}
-        self.faults: dict[str, Fault] = {}
+        self.disturbances: dict[str, Disturbance] = {}  #: those that are set, by channel
+        self.faults: dict[str, Fault] = {}  #: those that are set, by sensor
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._sensors = Sensors(config, start.outputs.temperature_c)
@@ -280,30 +258,13 @@ class PlantEmulator:
             tuple(map(str, self.faults.values())),
         )
 
-    def set_disturbance(
-        self, channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
-    ) -> None:
-        """Put a disturbance (see there) on a channel; ``none`` clears it.
+    def begin(self, event: PlantEvent) -> None:
+        """Let a disturbance or a fault begin now, or end with ``none``.
 
-        On an output it begins with the next tick measured, on an input with the next step.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If no scenario may hold it.
+        On an input it begins with the next step, else with the next tick measured.
         """
-        at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
-        self._begin(event_schema.disturbance(channel, shape, amplitude, duration_s, period_s, at_s))
-
-    def set_fault(self, sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
-        """Give a sensor a fault (see there), beginning with the next tick measured; ``none`` clears it.
-
-        Raises
-        ------
-        fsw_schema.models.InputError
-            If no scenario may hold it.
-        """
-        self._begin(event_schema.fault(sensor, kind, magnitude, duration_s, self._next_s()))
+        on_input = isinstance(event, Disturbance) and event.target not in OUTPUT_CHANNELS
+        self._begin(replace(event, at_s=self.time_s if on_input else self._next_s()))
 
     def _next_s(self) -> float:
         measured = self._reading is not None and self._reading.tick == self.tick

@@ -113,7 +113,7 @@ FAULT_MAGNITUDE = {sensor: (_MAGNITUDES[sensor], range_of(FaultEntry, _MAGNITUDE
 
 
 def disturbance(
-    channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0, at_s: float = 0.0
+    channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
 ) -> Disturbance:
     """A disturbance requested at runtime; fields that its shape does not use are ignored.
 
@@ -129,16 +129,16 @@ def disturbance(
     times = {"duration_s": duration_s, "period_s": period_s}
     used = _TIMES.get(shape, set()) | ({"duration_s"} if shape == "sine" and duration_s else set())
     entry |= {key: times[key] for key in sorted(used)}
-    return validate(DisturbanceEntry, entry, "disturbance").event(at_s)
+    return validate(DisturbanceEntry, entry, "disturbance").event(0.0)
 
 
-def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0, at_s: float = 0.0) -> Fault:
+def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> Fault:
     """The same for a fault."""
     entry: dict[str, Any] = {"sensor": sensor, "kind": kind, "duration_s": duration_s}
     if kind in WITH_MAGNITUDE:
         _check_some(magnitude, "magnitude", "fault")
         entry[_magnitude_key(sensor, kind)] = round(magnitude, _WIRE_DIGITS)
-    return validate(FaultEntry, entry, "fault").event(at_s)
+    return validate(FaultEntry, entry, "fault").event(0.0)
 
 
 def amplitude_unit(channel: str) -> str:

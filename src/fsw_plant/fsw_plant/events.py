@@ -17,27 +17,13 @@ EPSILON_S = 1e-9
 
 @dataclass
 class PlantEvent:
-    """A disturbance of a channel or a fault of a sensor.
+    """A disturbance of a channel or a fault of a sensor."""
 
-    Attributes
-    ----------
-    target : str
-        The channel or the sensor, which carries one at a time.
-    kind : str
-        The shape of a disturbance or the kind of a fault; ``none`` ends the one that is there.
-    amount : float
-        Amplitude or magnitude, in the unit of the target.
-    duration_s : float
-        See the kinds.
-    at_s : float
-        It begins with the first tick whose time is not before.
-    """
-
-    target: str
-    kind: str
-    amount: float = 0.0
-    duration_s: float = 0.0
-    at_s: float = 0.0
+    target: str  #: the channel or the sensor, which carries one at a time
+    kind: str  #: the shape of a disturbance or the kind of a fault; ``none`` ends the one that is there
+    amount: float = 0.0  #: amplitude or magnitude, in the unit of the target
+    duration_s: float = 0.0  #: see the kinds
+    at_s: float = 0.0  #: it begins with the first tick whose time is not before
 
     def __str__(self) -> str:
         return f"{self.target}:{self.kind}"

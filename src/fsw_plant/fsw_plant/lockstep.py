@@ -7,21 +7,12 @@ class Lockstep:
     """Waits for the command that answers the present tick, and for a scenario player to have sent what precedes it.
 
     Times are on the steady clock.
-
-    Attributes
-    ----------
-    answered : bool
-        The present tick has its command.
-    player_present : bool
-        A player takes part.
-    resent : int
-        How often the present tick was sent again.
     """
 
     def __init__(self) -> None:
-        self.answered = True
-        self.player_present = False
-        self.resent = 0
+        self.answered = True  #: whether the present tick has its command
+        self.player_present = False  #: whether a player takes part
+        self.resent = 0  #: how often the present tick was sent again
         self._unplayed_ns: int | None = None
         self._begun_s = 0.0
 

@@ -257,7 +257,7 @@ class PlantNode(ManagedNode):
                 reports.clock(mode, self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
-                reports.commands(plant.gate, new, self._writers.names, self._writers.strange()),
+                reports.commands(plant.gate, new, self._writers.names, self._writers.unauthorised()),
                 reports.sensors(plant),
             ]
         )

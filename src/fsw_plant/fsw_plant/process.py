@@ -8,8 +8,8 @@ from typing import Protocol
 
 from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
-from fsw_model.equations import MOTOR
-from fsw_plant.canister_process import CanisterProcess, added_kw
+from fsw_model.equations import MOTOR, power_kw
+from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.config import PlantConfig
 from fsw_plant.lag import lag_risen
 from fsw_plant.tool_path import Motion
@@ -70,7 +70,7 @@ class PaperProcess:
             lag_s = self._model.parameters.motor_lag_s
             state.x = (*state.x[:MOTOR], state.x[MOTOR] + lag_risen(lag_s) * added_nm)
             # what is added rises within the step as 1 - exp(-s / lag): the first and the last function of the power
-            more_kw = added_kw(added_nm, speed_rpm)
+            more_kw = power_kw(added_nm, speed_rpm)
             constant, linear, square, fading = state.power[-1]
             state.power[-1] = (constant + more_kw, linear, square, fading - more_kw)
 

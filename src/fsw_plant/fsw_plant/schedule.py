@@ -61,14 +61,10 @@ class PlantSchedule:
         In any order; those of one time are applied in the order given.
     path : sequence of Waypoint
         Of the tool; for a plant on a canister.
-
-    Attributes
-    ----------
-    events : deque of PlantEvent
-        Those to come, in order of time.
     """
 
     def __init__(self, events: Iterable[PlantEvent] = (), path: Sequence[Waypoint] = ()) -> None:
+        #: those to come, in order of time
         self.events = deque(sorted(events, key=lambda event: event.at_s))
         self.path = tuple(path)
 
@@ -85,6 +81,12 @@ class PlantSchedule:
         return due
 
     @classmethod
+    def of(cls, entries: Iterable[EventEntry], path: Sequence[Waypoint] = ()) -> PlantSchedule:
+        """That of a scenario's events, without those that are not for the plant."""
+        found = (entry.plant_event() for entry in entries)
+        return cls((event for event in found if event is not None), path)
+
+    @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
         """Read YAML text: a list of events or a scenario with ``events``; those not for the plant are ignored.
 
@@ -95,8 +97,7 @@ class PlantSchedule:
         """
         content = content_of(text, where)
         scenario = validate(_Scenario, content if isinstance(content, dict) else {"events": content}, where)
-        found = (event.plant_event() for event in scenario.events)
-        return cls((event for event in found if event is not None), scenario.path)
+        return cls.of(scenario.events, scenario.path)
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:

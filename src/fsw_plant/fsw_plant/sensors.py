@@ -18,21 +18,11 @@ BLOCK = 1024
 
 
 class Noise(NamedTuple):
-    """What a sensor adds to a value.
+    """What a sensor adds to a value."""
 
-    Attributes
-    ----------
-    deviation : float
-        Standard deviation of the noise, in the sensor's unit; 0: none.
-    resolution : float
-        Quantisation, in the sensor's unit; 0: none.
-    correlation_s : float
-        Time after which the noise's autocorrelation is down to 1/e; 0: white.
-    """
-
-    deviation: float = 0.0
-    resolution: float = 0.0
-    correlation_s: float = 0.0
+    deviation: float = 0.0  #: standard deviation of the noise, in the sensor's unit; 0: none
+    resolution: float = 0.0  #: quantisation, in the sensor's unit; 0: none
+    correlation_s: float = 0.0  #: time after which the noise's autocorrelation is down to 1/e; 0: white
 
     @property
     def autocorrelation(self) -> float:
@@ -84,13 +74,7 @@ class Probe:
     """The thermocouple's probe: it follows the temperature around it with a first-order lag, 0: at once.
 
     Between two ticks the process's temperature is taken as a straight line and a disturbance of it as held, for which
-    the lag is solved exactly.
-
-    Parameters
-    ----------
-    lag_s : float
-    start_c : float
-        Temperature of the process at the start, when the probe has come to rest.
+    the lag is solved exactly. At the start, when the process has the temperature ``start_c``, the probe is at rest.
     """
 
     def __init__(self, lag_s: float, start_c: float) -> None:

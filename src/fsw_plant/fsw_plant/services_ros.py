@@ -11,7 +11,7 @@ from fsw_control import units
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.event_schema import amplitude_unit, magnitude_unit
+from fsw_plant.event_schema import amplitude_unit, disturbance, fault, magnitude_unit
 from fsw_schema.models import InputError
 
 
@@ -37,7 +37,8 @@ class PlantServices:
     ) -> SetDisturbance.Response:
         def act() -> str:
             amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
-            self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
+            wanted = disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
+            self._plant.begin(wanted)
             return f"{request.channel}: {request.shape} from the next tick on"
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
@@ -46,7 +47,7 @@ class PlantServices:
     def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
         def act() -> str:
             magnitude = units.from_si(request.magnitude, magnitude_unit(request.sensor, request.kind))
-            self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
+            self._plant.begin(fault(request.sensor, request.kind, magnitude, request.duration))
             return f"{request.sensor}: {request.kind} from the next tick on"
 
         self._answer(response, f"fault, magnitude {request.magnitude:g}", act)

@@ -14,15 +14,10 @@ NUDGE_NS = 10_000
 
 
 class TickStamps:
-    """Stamps exactly one tick apart, independent of the timer's jitter, that follow the wall clock.
-
-    Attributes
-    ----------
-    jumps : int
-        How often the stamps had to jump: the clock was set, or the process could not run for a while.
-    """
+    """Stamps exactly one tick apart, independent of the timer's jitter, that follow the wall clock."""
 
     def __init__(self) -> None:
+        #: how often the stamps had to jump: the clock was set, or the process could not run for a while
         self.jumps = 0
         self._last_ns: int | None = None
 

@@ -51,11 +51,7 @@ class Motion(NamedTuple):
 class ToolPath:
     """The path of the tool; before its first point and after its last it stands there.
 
-    Parameters
-    ----------
-    points : sequence of Waypoint
-    steady : Motion
-        What the tool does where there are no points.
+    ``steady`` is what the tool does where there are no points.
     """
 
     def __init__(self, points: Sequence[Waypoint], steady: Motion) -> None:

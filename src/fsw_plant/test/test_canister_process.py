@@ -8,6 +8,7 @@ from fsw_canister import CanisterParameters
 from fsw_model import ModelParameters, OperatingPointError
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.canister_process import CanisterProcess
+from fsw_plant.event_schema import disturbance
 from fsw_plant.tool_path import Motion, ToolPath, Waypoint
 from fsw_schema.models import InputError
 
@@ -68,7 +69,7 @@ def test_the_power_of_24_heats_the_canister_and_nothing_else_does(block):
 
 def test_a_torque_that_is_added_heats_the_canister_as_much_as_the_motor_shows(block):
     plants = plant_of(), plant_of()
-    plants[0].set_disturbance("torque", "step", 25.0)
+    plants[0].begin(disturbance("torque", "step", 25.0))
     for plant in plants:
         advance(plant, 60)  # the motor settles
     before, powers = [plant._state.canister.energy_kj for plant in plants], []

@@ -6,6 +6,7 @@ import pytest
 from fsw_control import Command, Limits
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.batch import CHANNELS, PlantBatch
+from fsw_plant.event_schema import disturbance
 
 N_TICKS = 1040  # more than one block of random numbers
 COLOURED = {
@@ -40,9 +41,9 @@ def test_each_is_a_single_plant(settings):
         shown = batch.measure()
         for k, single in enumerate(singles):
             if tick == 50:
-                single.set_disturbance("depth", "step", 0.05)
+                single.begin(disturbance("depth", "step", 0.05))
             if tick == 70:
-                single.set_disturbance("temperature", "step", 4.0)
+                single.begin(disturbance("temperature", "step", 4.0))
             reading = single.measure()
             given = [reading.depth_mm[0].value, reading.torque_nm[0].value, reading.temperature_c[0].value]
             assert shown[:, k] == pytest.approx(given, rel=1e-13)
@@ -51,9 +52,9 @@ def test_each_is_a_single_plant(settings):
             depth, temperature = batch.truth()
             assert (depth[k], temperature[k]) == pytest.approx((truth.depth_mm, truth.temperature_c), rel=1e-13)
             if tick in (100, 400):
-                single.set_disturbance("axial_force", "step" if tick == 100 else "none", 0.4)
+                single.begin(disturbance("axial_force", "step" if tick == 100 else "none", 0.4))
             if tick == 300:
-                single.set_disturbance("torque", "step", 12.0)
+                single.begin(disturbance("torque", "step", 12.0))
             single.apply(Limits().clip(Command(*commands(k)[:, tick - 1]), None))
             single.step()
         batch.step(np.stack([commands(k)[:, tick - 1] for k in range(3)], axis=1))

@@ -13,6 +13,7 @@ from fsw_control import Command
 from fsw_control.weld import TICK_NS
 from fsw_model import OperatingPointError, ProcessModel
 from fsw_plant import FIRST_TICK, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.event_schema import disturbance, fault
 from fsw_schema.models import InputError
 
 
@@ -47,7 +48,7 @@ def test_first_tick_shows_the_equilibrium():
 
 def test_a_torque_that_is_added_heats_as_much_as_the_motor_shows():
     plant = plant_of(noise=False)
-    plant.set_disturbance("torque", "step", 25.0)
+    plant.begin(disturbance("torque", "step", 25.0))
     for _ in range(60):  # the motor settles
         plant.measure()
         plant.apply(plant.applied)
@@ -123,7 +124,7 @@ def test_noise_does_not_depend_on_faults(kind):
     plain, faulty = PlantEmulator(), PlantEmulator()
     hold = [plain.applied] * 10
     assert values_of(run(plain, hold)) == values_of(run(faulty, hold))
-    faulty.set_fault("depth", kind, 0.3, duration_s=2.0)
+    faulty.begin(fault("depth", kind, 0.3, duration_s=2.0))
     assert values_of(run(plain, hold * 2)) != values_of(run(faulty, hold * 2))
     assert values_of(run(plain, hold)) == values_of(run(faulty, hold))
 
@@ -141,7 +142,7 @@ def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
     assert temperatures(run(plant, hold)) == pytest.approx(temperatures(run(quick, hold)), abs=1e-6)
     start_c = quick.truth().temperature_c
     for one in (plant, quick):
-        one.set_disturbance("temperature", "step", 10.0)
+        one.begin(disturbance("temperature", "step", 10.0))
     shown = temperatures(run(plant, hold * 5))
     assert temperatures(run(quick, hold * 5))[0] == pytest.approx(start_c + 10.0, abs=1e-6)
     expected = [start_c + 10.0 * (1.0 - exp(-0.1 * tick / 2.0)) for tick in range(50)]
@@ -153,9 +154,9 @@ def test_slow_probe_feels_a_disturbance_until_the_next_tick():
     """One that is cleared after it was measured acts on the step that begins there."""
     plant = plant_of(noise=False, sensors=SLOW)
     start_c = plant.truth().temperature_c
-    plant.set_disturbance("temperature", "step", 10.0)
+    plant.begin(disturbance("temperature", "step", 10.0))
     plant.measure()
-    plant.set_disturbance("temperature", "none", 0.0)
+    plant.begin(disturbance("temperature", "none", 0.0))
     plant.step()
     assert temperatures(run(plant, [plant.applied])) == [pytest.approx(start_c + 10.0 * (1.0 - exp(-0.05)), abs=1e-4)]
 
@@ -164,7 +165,7 @@ def test_slow_probe_feels_a_disturbance_until_the_next_tick():
 def test_slow_probe_goes_on_beneath_a_fault(kind):
     plant, faulty = (plant_of(sensors=SLOW) for _ in range(2))
     harder = [Command(plant.applied.force_kn, plant.applied.speed_rpm + 20.0)] * 60
-    faulty.set_fault("thermocouple", kind, duration_s=3.0)
+    faulty.begin(fault("thermocouple", kind, duration_s=3.0))
     run(plant, harder), run(faulty, harder)
     assert temperatures(run(plant, harder)) == temperatures(run(faulty, harder))
 
@@ -189,8 +190,8 @@ def test_quantisation():
 
 def test_output_disturbance_is_seen_but_not_felt():
     plain, disturbed = plant_of(noise=False), plant_of(noise=False)
-    disturbed.set_disturbance("depth", "step", 0.1)
-    disturbed.set_disturbance("temperature", "step", -5.0)
+    disturbed.begin(disturbance("depth", "step", 0.1))
+    disturbed.begin(disturbance("temperature", "step", -5.0))
     hold = [plain.applied] * 100
     for a, b in zip(values_of(run(plain, hold)), values_of(run(disturbed, hold)), strict=True):
         assert b == pytest.approx([a[0] + 0.1, a[1], a[2] - 5.0], rel=1e-12)
@@ -202,14 +203,14 @@ def test_output_disturbance_is_seen_but_not_felt():
 def test_a_channel_and_a_sensor_carry_one_event_at_a_time():
     plant = plant_of(noise=False)
     for amplitude in (0.1, 0.3):
-        plant.set_disturbance("depth", "step", amplitude)
-        plant.set_fault("torque", "bias", amplitude)
+        plant.begin(disturbance("depth", "step", amplitude))
+        plant.begin(fault("torque", "bias", amplitude))
     assert plant.measure().depth_mm[0].value == pytest.approx(2.96)
     assert (list(plant.disturbances), plant.truth().active_faults) == (["depth"], ("torque:bias",))
-    plant.set_disturbance("depth", "none", 0.0)
-    plant.set_fault("torque", "none")
+    plant.begin(disturbance("depth", "none", 0.0))
+    plant.begin(fault("torque", "none"))
     assert not plant.disturbances and not plant.faults
-    plant.set_fault("depth", "dropout", duration_s=0.1)
+    plant.begin(fault("depth", "dropout", duration_s=0.1))
     plant.step()
     assert plant.measure().depth_mm == () and plant.truth().active_faults == ("depth:dropout",)
     plant.step()
@@ -218,8 +219,8 @@ def test_a_channel_and_a_sensor_carry_one_event_at_a_time():
 
 def test_input_disturbance_acts_on_the_process():
     plant = plant_of(noise=False)
-    plant.set_disturbance("axial_force", "pulse", 2.0, duration_s=1.0)
-    plant.set_disturbance("spindle_speed", "step", -5.0)
+    plant.begin(disturbance("axial_force", "pulse", 2.0, duration_s=1.0))
+    plant.begin(disturbance("spindle_speed", "step", -5.0))
     before = plant.truth()
     run(plant, [plant.applied])
     truth = plant.truth()
@@ -233,7 +234,7 @@ def test_input_disturbance_acts_on_the_process():
 
 def test_torque_disturbance_acts_on_the_motor_torque_through_its_lag_and_heats():
     worn, new = plant_of(noise=False), plant_of(noise=False)
-    worn.set_disturbance("torque", "step", 20.0)
+    worn.begin(disturbance("torque", "step", 20.0))
     for plant in (worn, new):
         run(plant, [plant.applied] * 5)
     assert worn.truth().process_torque_nm == pytest.approx(new.truth().process_torque_nm + 20.0)
@@ -248,7 +249,7 @@ def test_replacing_an_input_disturbance_leaves_no_gap():
     plant = plant_of(noise=False)
     for amplitude in (1.0, 2.0, 3.0):
         plant.measure()
-        plant.set_disturbance("axial_force", "step", amplitude)
+        plant.begin(disturbance("axial_force", "step", amplitude))
         plant.apply(plant.applied)
         plant.step()
         assert plant.truth().force_kn == pytest.approx(78.4 + amplitude)
@@ -275,8 +276,8 @@ def test_events_act_at_their_tick():
 
 def test_drives_report_what_acts_with_its_disturbance():
     plant = plant_of(noise=False, actuators={"lag_s": 0.0})
-    plant.set_disturbance("axial_force", "step", 3.0)
-    plant.set_disturbance("spindle_speed", "step", -5.0)
+    plant.begin(disturbance("axial_force", "step", 3.0))
+    plant.begin(disturbance("spindle_speed", "step", -5.0))
     start = plant.applied
     assert plant.measure().drives == start
     plant.step()
@@ -344,8 +345,8 @@ def test_process_that_leaves_the_copper_stops_and_is_still_measured():
 def test_reset():
     plant = PlantEmulator()
     begin = values_of(run(plant, [Command(79.0, 410.0)] * 30))
-    plant.set_disturbance("depth", "step", 0.1)
-    plant.set_fault("depth", "bias", 1.0)
+    plant.begin(disturbance("depth", "step", 0.1))
+    plant.begin(fault("depth", "bias", 1.0))
     plant.apply(Command(nan, 400.0))
     plant.reset(seed=1)
     assert plant.tick == FIRST_TICK + 30  # time goes on

@@ -172,17 +172,8 @@ def attest(
 ) -> Attestation:
     """Sign for a bag and add it to a chain. After a crash in between, the same call ends what was begun.
 
-    Parameters
-    ----------
-    bag : Path
-        Its folder. What its manifest lacks is hashed now, and noted.
-    chain_folder : Path
-        Made when there is none.
-    key : Ed25519PrivateKey
-    now : datetime
-    procedure : Identity, optional
-    documents : sequence of Path, optional
-        Files whose hashes are signed, too.
+    What the bag's manifest lacks is hashed now, and noted. The chain's folder is made when there is none. The hashes of
+    the ``documents`` are signed, too.
 
     Raises
     ------
@@ -335,24 +326,9 @@ def statement(bag: Path) -> tuple[list[str], list[str]]:
 def verify_bag(
     bag: Path, trusted: Sequence[PublicKey], chain: Chain | None = None, documents: Sequence[Path] = ()
 ) -> tuple[Attestation | None, list[Finding]]:
-    """Whether a bag is what was recorded and signed.
+    """Whether a bag is what was recorded and signed, has its place in the ``chain``, and with it the ``documents``.
 
-    Parameters
-    ----------
-    bag : Path
-        Its folder.
-    trusted : sequence of PublicKey
-    chain : Chain, optional
-        In which it must have its place.
-    documents : sequence of Path, optional
-        Files that must have been attested with it.
-
-    Returns
-    -------
-    Attestation or None
-        What was signed, None when it is not there or cannot be trusted.
-    list of Finding
-        What is wrong; none: the bag is proven.
+    Returns what was signed, None when it is not there or cannot be trusted, and what is wrong; nothing: it is proven.
     """
     if not bag.is_dir():
         return None, [Finding(str(bag), "is not the folder of a bag")]

@@ -71,14 +71,8 @@ class _Count:
 class Monitor:
     """The watch of one weld.
 
-    Parameters
-    ----------
-    process : str
-        One of ``PROCESSES``: whose limits hold.
-    parameters : ModelParameters, optional
-        Of the model that the controllers have; the paper's by default.
-    limits : Limits, optional
-        Other limits than those of the process.
+    The limits are those of the ``process``, one of ``PROCESSES``, unless others are given; the parameters those of the
+    model that the controllers have, the paper's by default.
     """
 
     def __init__(

@@ -12,6 +12,7 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Finding
 from fsw_quality.monitor import Monitor, Sample
+from fsw_recorder.errors import BagError
 from fsw_schema.yaml_text import load_yaml
 
 _PROGRESS_TICKS = 500
@@ -83,9 +84,15 @@ def samples(signals: WeldSignals) -> Iterator[Sample]:
 
 
 def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], None] | None = None) -> Watched:
-    """Let a monitor watch a recorded weld."""
+    """Let a monitor watch a recorded weld.
+
+    Raises
+    ------
+    fsw_recorder.errors.BagError
+        There is no weld: not one second with all that is watched.
+    """
     found, present = Watched(), dict[str, Told]()
-    shown: object = None
+    shown = monitor.figures
     for tick, sample in enumerate(samples(signals)):
         monitor.step(sample)
         if monitor.figures is not shown:
@@ -93,6 +100,9 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
             _note(found, present, monitor, sample.time_s)
         if progress is not None and tick % _PROGRESS_TICKS == 0:
             progress(tick / signals.n_ticks)
+    if not found.time_s:
+        lacking = "no second with depth, torque, temperature, force and speed to watch"
+        raise BagError(f"{signals.path}: no weld in it: {lacking}")
     return found
 
 

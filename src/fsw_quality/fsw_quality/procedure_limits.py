@@ -30,18 +30,8 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
     """Parameters that follow from a procedure, by node: the supervisor's and those of the operator's page.
 
     Only limits that hold in every phase count: the supervisor does not know the phase. Trips are the essential limits;
-    warnings are the ends of the permitted set-points or, where there are none, as far from the trip as by default.
-
-    Parameters
-    ----------
-    procedure : Procedure
-    supervisor : mapping of str to Any
-        The supervisor's default parameters.
-
-    Returns
-    -------
-    dict
-        By node and parameter; what does not follow from the procedure is left out.
+    warnings are the ends of the permitted set-points or, where there are none, as far from the trip as by the
+    ``supervisor``'s default parameters. What does not follow from the procedure is left out.
 
     Raises
     ------
@@ -54,12 +44,7 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
 def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Parameters of all nodes of a weld by a procedure: also of the recorder, which then has the record written.
 
-    Parameters
-    ----------
-    source : str
-        YAML file, or the name of a shipped procedure.
-    supervisor : mapping of str to Any
-        The supervisor's default parameters.
+    ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's default parameters.
 
     Raises
     ------

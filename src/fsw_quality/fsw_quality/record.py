@@ -369,8 +369,9 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
         lacking.append(f"{', '.join(unknown)}: not given to the recorder (parameter custom_data)")
     if "versions.json" not in signals.attachments:
         lacking.append("software versions (versions.json is not in the bag)")
-    if "lost_messages" not in custom:
-        lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
+    if evidence.lost is None:
+        known = custom.get("lost_messages", "metadata.yaml has no lost_messages")
+        lacking.append(f"whether messages were lost on their way to the recorder ({known})")
     if not any(one.kind == "procedure" for one in signals.events):
         lacking.append(f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})")
     if evidence.stamp_ns is None:

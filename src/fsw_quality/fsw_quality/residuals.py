@@ -156,18 +156,9 @@ class GainEstimate:
     Model response and measured value pass the same washout (first order), so that offsets and slow drifts do not count;
     for each dead time, a gain is estimated recursively (least squares with exponential forgetting, Ljung, System
     Identification, 11.2). The best dead time is where the least is left over. Without excitation nothing is said: the
-    model response must move by ``least`` (root of the mean square).
-
-    Parameters
-    ----------
-    dead_times_s : sequence of float
-        The first one is the nominal one.
-    least : float
-        In the unit of the response.
-    noise : float
-        Standard deviation of the measurement's noise, below which the rest does not count.
-    forget_s : float
-        Time constant of the forgetting.
+    model response must move by ``least`` (root of the mean square, in its unit). The first dead time is the nominal
+    one, ``noise`` the standard deviation of the measurement's noise, below which the rest does not count, and
+    ``forget_s`` the time constant of the forgetting.
     """
 
     WASHOUT_S = 40.0

@@ -147,12 +147,7 @@ def sign(message: bytes, key: Ed25519PrivateKey) -> str:
 def verify(message: bytes, armoured: str, trusted: Sequence[PublicKey] | None) -> PublicKey:
     """Check a signature; returns the key of its signer.
 
-    Parameters
-    ----------
-    message : bytes
-    armoured : str
-    trusted : sequence of PublicKey or None
-        None: any key will do, e.g. to see whether a file was changed.
+    Without ``trusted`` keys any will do, e.g. to see whether a file was changed.
 
     Raises
     ------

@@ -14,13 +14,16 @@ from fsw_schema.models import InputError
 from fsw_test_support.made_history import rows
 
 
-def test_welds_are_added_and_read_in_order_also_once_files_are_joined(tmp_path: Path) -> None:
-    made = rows(55)
+def test_welds_are_added_and_read_in_order_also_once_files_are_joined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(history, "_MOST_FILES", 5)
+    made = rows(9)
     for i, one in enumerate(made):
         assert history.add(tmp_path, [one]) == i + 1
     table = history.load(tmp_path)
     assert table["weld"].to_pylist() == [one["weld"] for one in made]
-    assert len(list(tmp_path.glob("*.parquet"))) < 10
+    assert len(list(tmp_path.glob("*.parquet"))) == 4
     assert table.to_pylist()[7] == made[7]
 
 

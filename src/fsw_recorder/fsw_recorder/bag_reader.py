@@ -60,11 +60,8 @@ class BagInfo:
 class BagReader:
     """Reads one bag; use as a context manager.
 
-    Parameters
-    ----------
-    path : Path or str
-        A rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
-        ``.mcap``, ``.db3``.
+    That is a rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
+    ``.mcap``, ``.db3``.
 
     Raises
     ------

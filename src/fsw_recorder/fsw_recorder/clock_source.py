@@ -46,12 +46,8 @@ def clock_state(
 ) -> ClockState:
     """Ask chrony, then PTP, then the kernel; may take seconds.
 
-    Parameters
-    ----------
-    ask : callable, optional
-        Runs a program and returns its output, None when there is none.
-    kernel : callable, optional
-        Returns the kernel's `struct timex`, None when there is none.
+    ``ask`` runs a program and returns its output, ``kernel`` returns the kernel's `struct timex`; None where there is
+    none.
     """
     run, timex = ask or _run, kernel or _adjtimex
     return _chrony(run(_CHRONY) or "") or _ptp(run(_PTP) or "") or _kernel(timex()) or UNKNOWN

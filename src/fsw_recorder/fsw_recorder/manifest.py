@@ -76,13 +76,7 @@ class Manifest(Model):
 def record_pieces(data: Buffer, at: int = 0, offset: int = 0) -> Iterator[Piece]:
     """Pieces of an MCAP file, or of whole records of one; damaged places are ``other``.
 
-    Parameters
-    ----------
-    data : bytes or mmap.mmap
-    at : int, optional
-        Where the first record begins.
-    offset : int, optional
-        Where ``data`` begins in its file.
+    The first record begins ``at``, and the data begin at ``offset`` in their file.
     """
     size = len(data)
     kind: PieceKind = "other"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
@@ -36,8 +37,10 @@ from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
+    Stalls,
     custom_entries,
     free_sibling,
+    lost_words,
     media_type,
     output_folder,
     read_attachment,
@@ -99,6 +102,8 @@ class RecorderNode(ManagedNode):
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
+        self._failure_told = False
+        self._stalls = Stalls(_REPORT_PERIOD_S, time.monotonic())
         self.writer = self._make_writer()
         try:
             self._begin()
@@ -176,6 +181,7 @@ class RecorderNode(ManagedNode):
 
     def _discover(self) -> None:
         if self.writer.error is not None:
+            self._failure_told = True  # here, so that it is on /rosout
             self.get_logger().fatal(str(self.writer.error))
             self._report()
             rclpy.try_shutdown()
@@ -227,9 +233,12 @@ class RecorderNode(ManagedNode):
         error = self.writer.error
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
+        if stalled_s := self._stalls.look(time.monotonic()):
+            text = f"stood still for {stalled_s:.0f} s; what was sent meanwhile may be lost, which nobody counts"
+            self.get_logger().warning(text)
         counters, lost = self.writer.statistics(), self._lost()
         level, text = OK, "paused" if self.writer.is_paused else "recording"
-        if lost or counters["dropped"] or self._left_out:
+        if lost or counters["dropped"] or self._left_out or self._stalls.total_s:
             level, text = WARN, "recording, but not everything is in the bag"
         if error is not None:
             level, text = ERROR, str(error)
@@ -237,7 +246,7 @@ class RecorderNode(ManagedNode):
             "bag": self.writer.folder,
             "topics": len(self._subscriptions_by_topic),
             **counters,
-            "lost": sum(lost.values()),
+            "lost": lost_words(sum(lost.values()), self._stalls.total_s),
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
@@ -250,7 +259,8 @@ class RecorderNode(ManagedNode):
     def _finish(self) -> None:
         """Finish the bag and report its contents or why it is incomplete."""
         lost = self._lost()
-        self.writer.custom_data["lost_messages"] = str(sum(lost.values()))
+        in_words = lost_words(sum(lost.values()), self._stalls.total_s)
+        self.writer.custom_data["lost_messages"] = in_words
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
         self.writer.close()
         counters = self.writer.statistics()
@@ -258,9 +268,10 @@ class RecorderNode(ManagedNode):
         logger = get_logger(f"{self.get_logger().name}.bag")
         if self.writer.error is not None:
             self.failed = True
-            logger.fatal(str(self.writer.error))
+            if not self._failure_told:
+                logger.fatal(str(self.writer.error))
         else:
-            missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
+            missing = f"lost: {in_words}; dropped: {counters['dropped']}"
             logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
         if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
             try:

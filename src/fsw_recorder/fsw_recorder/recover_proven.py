@@ -35,18 +35,9 @@ def recover_proven(
 ) -> ProvenRecovery:
     """Copy the chunks and attachments whose hashes are in the manifest, unchanged, into a new bag.
 
-    So the manifest, which is copied beside them, goes on to prove them; a reader finds them without an index.
-
-    Parameters
-    ----------
-    source : Path
-        Folder of the bag, with its manifest.
-    target : Path
-        Folder of the new bag, must not exist.
-    evidence : tuple of str, optional
-        Further files to copy, where there are any: signatures.
-    progress : callable, optional
-        Called with the fraction done, 0 to 1.
+    So the manifest, which is copied beside them, goes on to prove them; a reader finds them without an index. The
+    ``target`` must not exist. ``evidence`` are further files to copy, where there are any: signatures. ``progress`` is
+    called with the fraction done, 0 to 1.
 
     Raises
     ------

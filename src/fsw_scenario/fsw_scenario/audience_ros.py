@@ -48,7 +48,7 @@ class Audience:
     def _controllers(self) -> list[str]:
         pattern = re.compile(rf"{re.escape(self._node.get_namespace().rstrip('/'))}/fsw/(\w+)/proposal")
         found = [pattern.fullmatch(name) for name, _ in self._node.get_topic_names_and_types()]
-        # the supervisor subscribes to those that it would like to have, too
+        # the supervisor also subscribes to the proposals of its fallbacks that do not run
         return sorted(one[1] for one in found if one and self._node.count_publishers(one[0]))
 
     def missing(self) -> str:

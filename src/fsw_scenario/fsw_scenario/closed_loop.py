@@ -45,9 +45,7 @@ _PROGRESS_TICKS = 100
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
     """The plant that a scenario sets up, with its disturbances and faults."""
-    events = (event.plant_event() for event in scenario.events)
-    schedule = PlantSchedule((event for event in events if event is not None), scenario.path)
-    return PlantEmulator(PlantConfig.from_values(scenario.plant), schedule)
+    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule.of(scenario.events, scenario.path))
 
 
 class _Programme:

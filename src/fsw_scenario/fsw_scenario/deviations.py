@@ -11,7 +11,7 @@ _SWITCH_TICKS = 20
 
 
 class Deviations:
-    """Counts the ticks under a controller that was not asked for, and notes set-points by hand; its text tells both."""
+    """Counts the ticks under a controller that was not asked for, and notes set-points by hand; its text has both."""
 
     def __init__(self) -> None:
         self._asked: tuple[int, str] | None = None
@@ -35,7 +35,7 @@ class Deviations:
         self._by_hand_tick = tick
 
     def __str__(self) -> str:
-        told = [f"; {name} was in control for {n * TICK_S:.1f} s, not asked for" for name, n in self._others.items()]
+        found = [f"; {name} was in control for {n * TICK_S:.1f} s, not asked for" for name, n in self._others.items()]
         if self._by_hand_tick is not None:
-            told.append(f"; set-points by hand from {self._by_hand_tick * TICK_S:.1f} s on")
-        return "".join(told)
+            found.append(f"; set-points by hand from {self._by_hand_tick * TICK_S:.1f} s on")
+        return "".join(found)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 from rclpy.node import Node
 from rclpy.task import Future
 
+from fsw_control.weld import TICK_S
+from fsw_plant import PlantSchedule
 from fsw_plant.events import Disturbance, PlantEvent
 from fsw_plant.requests_ros import SERVICES, event_request
-from fsw_scenario.scenario import Scenario, tick_of
+from fsw_scenario.scenario import Scenario
 
 
 def emulator_listens(node: Node) -> bool:
@@ -23,16 +23,13 @@ class EmulatorEvents:
 
     def __init__(self, node: Node, scenario: Scenario) -> None:
         self._node = node
-        found = (event.plant_event() for event in scenario.events)
-        self._coming = deque(
-            sorted(((tick_of(one.at_s), one) for one in found if one is not None), key=lambda pair: pair[0])
-        )
+        self._schedule = PlantSchedule.of(scenario.events)
         self._clients = {kind: node.create_client(*service) for kind, service in SERVICES.items()}
 
     def send_until(self, tick: int) -> None:
         """Ask for all events up to a tick."""
-        while self._coming and self._coming[0][0] <= tick:
-            self._send(self._coming.popleft()[1])
+        for event in self._schedule.due(tick * TICK_S):
+            self._send(event)
 
     def _send(self, event: PlantEvent) -> None:
         client = self._clients[isinstance(event, Disturbance)]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 
 class HeldFor:
-    """Tells whether a condition has held for ``duration_s``, as far as it was looked at."""
+    """Whether a condition has held for ``duration_s``, as of the calls."""
 
     def __init__(self, duration_s: float) -> None:
         self._duration_s = duration_s
         self._since_s: float | None = None
 
     def __call__(self, condition: bool, now_s: float) -> bool:
-        """Look at it; ``now_s`` is a monotonic time."""
+        """Take the condition at ``now_s``, a monotonic time; returns whether it has held."""
         if not condition:
             self._since_s = None
             return False

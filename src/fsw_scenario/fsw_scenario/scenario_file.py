@@ -74,7 +74,7 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
     """
     scenario = validate(Scenario, content, where)
     if scenario.phases:
-        # The plant reads the same text: it knows times, but neither phases nor angles.
+        # The plant reads the same text, which for it has times, but neither phases nor angles.
         timed = [event.at_s for event in scenario.events if event.reference is None]
         events = [
             {key: value for key, value in entry.items() if key != "at_deg"} | {"at_s": at_s}

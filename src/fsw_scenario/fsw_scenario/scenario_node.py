@@ -27,6 +27,7 @@ from fsw_control.parameters_ros import declare
 from fsw_control.topics_ros import STREAM
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
+from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
 from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
@@ -173,8 +174,7 @@ class ScenarioNode(Node):
         if scenario.open_loop or scenario.on_canister:
             what = "controls by hand" if scenario.open_loop else "conducts heat in a canister"
             raise InputError(f"{scenario.name} {what}: controllers and plant must be started with it")
-        for_plant = [event for event in scenario.events if event.plant_event() is not None]
-        if for_plant and not emulator_listens(self):
+        if PlantSchedule.of(scenario.events).events and not emulator_listens(self):
             what = "has disturbances or faults, which need the emulated plant, and none is found"
             raise InputError(f"{scenario.name} {what}; where it has just been started, send the goal again in a second")
         return scenario

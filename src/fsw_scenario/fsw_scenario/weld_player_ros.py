@@ -112,7 +112,7 @@ class WeldPlayer:
                 part.destroy()
 
     def abort(self) -> tuple[bool, str]:
-        """Give the weld up and ask for the safe stop; returns whether, and the answer in words."""
+        """Abort the weld and ask for the safe stop; returns whether, and the answer in words."""
         if self._programme is not None:
             ok, answer = self._programme.abort()
         else:

@@ -185,7 +185,7 @@ class PhaseMachine:
         return self._go(State.RUNNING, (State.HELD,))
 
     def abort(self) -> tuple[bool, str]:
-        """Give the weld up."""
+        """Abort the weld."""
         return self._go(State.ABORTED, (State.RUNNING, State.HELD))
 
     def _go(self, state: State, allowed: Sequence[State]) -> tuple[bool, str]:

@@ -37,7 +37,7 @@ class SafeStop:
         self._states: Subscription | None = None
 
     def watch(self, abort: Callable[[], tuple[bool, str]]) -> None:
-        """Call ``abort`` when a safe stop comes from elsewhere; that returns whether it had something to give up."""
+        """Call ``abort`` when a safe stop comes from elsewhere; that returns whether there was a weld to abort."""
 
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
@@ -117,7 +117,7 @@ class ProgrammeServer:
         return self._keep(*self.machine.hold())
 
     def abort(self) -> tuple[bool, str]:
-        """Give the weld up; returns whether, and the answer in words. The caller asks for the safe stop."""
+        """Abort the weld; returns whether, and the answer in words. The caller asks for the safe stop."""
         ok, answer = self._keep(*self.machine.abort())
         if ok:
             self.publish(self._stamp_ns)

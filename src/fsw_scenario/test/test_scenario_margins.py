@@ -30,7 +30,7 @@ def test_the_process_is_that_of_the_model():
 )
 def test_a_margin_is_sought_as_far_as_the_emulator_takes_the_process(factor, margin, most):
     process = nominal().scaled(thermal_gain_c_per_kw=factor)
-    assert Loops("decentral:tight", process=process).temperature()["temperature_gain"] == margin
+    assert Loops("decentral:tight", process=process).gain("thermal_gain_c_per_kw") == margin
     assert texts({"depth_gain": math.inf, "temperature_gain": math.inf}, process) == {
         "depth_gain": "> 8",
         "temperature_gain": most,

@@ -27,13 +27,8 @@ def replacing(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """A new, empty file beside ``path`` to be written, which takes its place at the end, or is removed after an error.
 
     So nobody ever reads half a file, and several processes may write it at once. It has the suffix of ``path``.
-    A link is followed; what is no file, as ``/dev/stdout``, is never replaced but written itself.
-
-    Parameters
-    ----------
-    path : Path
-    mode : int, optional
-        Of the new file, less the umask.
+    A link is followed; what is no file, as ``/dev/stdout``, is never replaced but written itself. The new file has the
+    ``mode``, less the umask.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent
-from typing import Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -85,6 +85,43 @@ class Model(BaseModel):
         return validate(type(self), dict(self) | values, type(self).__name__)
 
 
+class Parameters(Model):
+    """Parameters that all have defaults, of which a file gives those that differ.
+
+    ``what`` names them in errors; ``example`` is what a file may hold.
+    """
+
+    what: ClassVar[str]
+    example: ClassVar[str]
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str = "") -> Self:
+        """Read the parameters that differ from the defaults.
+
+        Parameters
+        ----------
+        text : str
+            YAML mapping of names to values.
+        where : str
+            Name of the source, for errors.
+
+        Raises
+        ------
+        InputError
+            If the text is not a mapping or empty, or a name or value is not valid.
+        """
+        where = where or cls.what
+        content = content_of(text, where)
+        if content is None:
+            raise InputError(f"{where}: holds no parameters; give some, e.g. {cls.example}")
+        return validate(cls, content, where)
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Read a YAML file, see :meth:`from_yaml`; also one that cannot be read is an InputError."""
+        return cls.from_yaml(read_text(path, cls.what), str(path))
+
+
 M = TypeVar("M", bound=Model)
 
 
@@ -103,15 +140,7 @@ def needs_one(entry: M, *keys: str) -> M:
 
 
 def validate(model: type[M], content: Any, where: str) -> M:
-    """Content of a file or a request as a model.
-
-    Parameters
-    ----------
-    model : type of Model
-    content : Any
-        As YAML or JSON has it.
-    where : str
-        The file or the request, for the message.
+    """Content of a file or a request, as YAML or JSON has it, as a model; ``where`` names it in the message.
 
     Raises
     ------

@@ -18,13 +18,14 @@ the drives' actual values.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.contract import Command
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
-from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
@@ -217,4 +218,6 @@ def problem(values: Mapping[str, Any]) -> str | None:
         sensor_limits(values)
     except ValueError as error:
         return str(error)
-    return None
+    names = (values["controller"], *values["fallbacks"])
+    wrong = [name for name in names if name in RESERVED or not re.fullmatch(NAME, name)]
+    return f"controller, fallbacks: {wrong[0]!r} cannot be the name of a controller" if wrong else None

@@ -8,13 +8,9 @@ from functools import partial
 
 from rclpy.node import Node
 
-from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.topics_ros import STREAM
 from fsw_msgs.msg import ControllerStatus, WeldCommand
-from fsw_supervisor.controller_registry import ControllerRegistry
-
-#: names that no controller may have: those of other sources, and of the supervisor's topics
-RESERVED = (*BUILT_IN_SOURCES, "supervisor")
+from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
 
 
 class ControllerTopics:
@@ -37,7 +33,7 @@ class ControllerTopics:
         self._on_proposal, self._on_status, self._on_controller = on_proposal, on_status, on_controller
         self._subscribed: set[str] = set()
         self._prefix = node.resolve_topic_name("fsw/command").removesuffix("command")
-        self._proposal_topic = re.compile(re.escape(self._prefix) + r"([A-Za-z][A-Za-z0-9_]*)/proposal\Z")
+        self._proposal_topic = re.compile(re.escape(self._prefix) + rf"({NAME})/proposal\Z")
 
     def look(self) -> None:
         """Record which controllers are in the graph; to be called a few times a second."""

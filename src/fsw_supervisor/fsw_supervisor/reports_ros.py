@@ -13,11 +13,14 @@ from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.controller_registry import ControllerRecord
+from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
 
 #: severity of an event as a level of diagnostics
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
+#: fallbacks by default, of which one need not run
+_SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
 
 
 def command(decision: Decision, token: str) -> WeldCommand:
@@ -100,6 +103,9 @@ def diagnostics(
 def _arbiter_status(arbiter: Arbiter) -> Report:
     machine = arbiter.machine
     level, text = OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
+    absent = [name for name in arbiter.settings.fallbacks if arbiter.registry.get(name) is None]
+    if machine.mode is not Mode.START and not _SHIPPED.issuperset(absent):
+        level, text = WARN, f"{text}; fallbacks that are not in the graph: {', '.join(absent)}"
     if machine.mode is not machine.target_mode or (machine.active and machine.active != machine.target):
         level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
     if machine.mode is Mode.SAFE_STOP:
@@ -111,6 +117,7 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
         "ticks without a command": arbiter.ticks.lost,
         "own stalls": arbiter.ticks.stalls,
         "transitions": machine.transitions,
+        "fallbacks not in the graph": ", ".join(absent),
         "last latency [ms]": f"{latency_ms:.3f}",
     }
     return Report("arbiter", level, f"{text}: {machine.reason}", values)

@@ -47,6 +47,8 @@ class SupervisorNode(Node):
         super().__init__("fsw_supervisor")
         self._values = declare(self, "fsw_supervisor", "supervisor.yaml")
         values = self._values.values
+        if complaint := problem(values):
+            raise ValueError(complaint)
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
             ArbiterSettings.from_values(values),

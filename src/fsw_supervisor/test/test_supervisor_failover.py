@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.reports_ros import OK, WARN
+from fsw_supervisor.reports_ros import diagnostics
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 
@@ -174,6 +176,17 @@ def test_the_fallback_list_is_followed_in_order(make_rig):
     rig.silent.add("third")
     rig.run(1)
     assert rig.last.source == "nmpc"
+
+
+def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_rig):
+    alone = make_rig()
+    alone.names = ["decentral"]
+    alone.run(5)
+    status = diagnostics(alone.arbiter, 1, {}, (0.05, 0.1))[0]
+    assert status.level == OK and status.values["fallbacks not in the graph"] == "nmpc"
+    misspelt = make_rig(ArbiterSettings.from_values({"fallbacks": ("decentral", "nmcp")})).run(5)
+    status = diagnostics(misspelt.arbiter, 1, {}, (0.05, 0.1))[0]
+    assert status.level == WARN and "fallbacks that are not in the graph: nmcp" in status.text
 
 
 def test_switching_storms_end_in_hold(make_rig):

@@ -49,6 +49,8 @@ def test_what_is_left_out_has_the_shipped_value():
         ({"limits.force_min_kn": 99.0}, "must be below force_max"),
         ({"safe_force_kn": 10.0}, "safe_force_kn must be within 60.0 to 95.0 kN"),
         ({"controller": ""}, "controller must name"),
+        ({"fallbacks": ["decentral", "hold"]}, "'hold' cannot be the name of a controller"),
+        ({"fallbacks": ["no such"]}, "'no such' cannot be the name of a controller"),
         ({"interlocks.temperature_high.trip": 880.0}, "temperature_high"),
         ({"validity.depth.minimum": 7.0}, "minimum 7.0 must be below"),
     ],

@@ -183,7 +183,6 @@ def test_the_page_is_written(tmp_path):
     lags = {"rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0), "lags": {"120": (18.1, 30.5)}}
     weld = {
         "minutes_kw": [50.0] * 45,
-        "minutes_rpm": [450.0] * 45,
         "phases_kw": {"start": 43.0, "joint_line": 50.0},
         "phases_s": {"start": [0.0, 60.0], "joint_line": [60.0, 2700.0]},
     }

@@ -91,11 +91,9 @@ class ActionEntity(Waitable):
         self._numbers = [wait_set.add_subscription(reader) for reader in readers]
 
     def is_ready(self, wait_set: WaitSet) -> bool:
-        """Return whether there is something to take."""
         return any(wait_set.is_ready("subscription", number) for number in self._numbers)
 
     def destroy(self) -> None:
-        """Destroy the services and topics of the action."""
         with suppress(ValueError):  # not there yet, or not any more
             self._node.remove_waitable(self)
         for endpoint in self._endpoints:

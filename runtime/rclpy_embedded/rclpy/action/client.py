@@ -96,7 +96,6 @@ class ActionClient(ActionEntity):
         self._attach()
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Return of how many entities it is made."""
         return NumberOfEntities(num_subscriptions=2, num_clients=3)
 
     def take_data(self) -> dict[str, Any]:

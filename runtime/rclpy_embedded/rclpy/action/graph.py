@@ -31,5 +31,4 @@ def get_action_server_names_and_types_by_node(
 
 
 def get_action_names_and_types(node: Any) -> NamesAndTypes:
-    """Return all actions and their types."""
     return _actions(node.get_topic_names_and_types())

@@ -25,15 +25,11 @@ from rclpy.waitable import NumberOfEntities
 
 
 class GoalResponse(Enum):
-    """What a goal callback returns."""
-
     REJECT = 1
     ACCEPT = 2
 
 
 class CancelResponse(Enum):
-    """What a cancel callback returns."""
-
     REJECT = 1
     ACCEPT = 2
 
@@ -86,7 +82,6 @@ class ServerGoalHandle:
 
     @property
     def is_active(self) -> bool:
-        """Whether the goal has not ended yet."""
         return not self._destroyed and self._state in _ACTIVE
 
     @property
@@ -114,7 +109,6 @@ class ServerGoalHandle:
             server._publish_status()
 
     def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
-        """Execute the goal with a callback, by default the one of the server."""
         # A goal that was canceled before goes to the callback, too, which ends it.
         if not self.is_cancel_requested:
             self._update_state(GoalEvent.EXECUTE)
@@ -130,15 +124,12 @@ class ServerGoalHandle:
             self._action_server._feedback_publisher.publish(message)
 
     def succeed(self) -> None:
-        """End the goal: it was reached."""
         self._update_state(GoalEvent.SUCCEED)
 
     def abort(self) -> None:
-        """End the goal: it was not reached."""
         self._update_state(GoalEvent.ABORT)
 
     def canceled(self) -> None:
-        """End the goal: it was canceled."""
         self._update_state(GoalEvent.CANCELED)
 
     def destroy(self) -> None:
@@ -147,17 +138,14 @@ class ServerGoalHandle:
 
 
 def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
-    """Execute the goal."""
     goal_handle.execute()
 
 
 def default_goal_callback(goal_request: Any) -> GoalResponse:
-    """Accept all goals."""
     return GoalResponse.ACCEPT
 
 
 def default_cancel_callback(cancel_request: Any) -> CancelResponse:
-    """Refuse to cancel."""
     return CancelResponse.REJECT
 
 
@@ -207,7 +195,6 @@ class ActionServer(ActionEntity):
         self._attach()
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Return of how many entities it is made."""
         return NumberOfEntities(num_timers=1, num_services=3)
 
     def take_data(self) -> dict[str, Any]:
@@ -216,7 +203,6 @@ class ActionServer(ActionEntity):
         return {key: request for key, request in taken.items() if request is not None}
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
-        """Answer requests."""
         if "goal" in taken_data:
             await self._execute_goal_request(*taken_data["goal"])
         if "cancel" in taken_data:

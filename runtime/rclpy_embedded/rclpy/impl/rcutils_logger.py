@@ -121,7 +121,6 @@ class RcutilsLogger:
         return system.effective_level(self.name)
 
     def is_enabled_for(self, severity: LoggingSeverity | int) -> bool:
-        """Return whether messages of a severity are logged."""
         return LoggingSeverity(severity) >= system.effective_level(self.name)
 
     def log(self, message: str, severity: LoggingSeverity | int, **kwargs: Any) -> bool:

@@ -60,12 +60,10 @@ class LifecycleStateMachine:
 
     @property
     def current_state(self) -> tuple[int, str]:
-        """Identifier and label of the state."""
         return self._state.id, self._state.label
 
     @property
     def available_transitions(self) -> list[TransitionDescription]:
-        """Those that start from the present state."""
         return [described for described in self.transition_graph if described.start_state == self._state]
 
     def get_transition_by_label(self, label: str) -> int:

@@ -30,23 +30,18 @@ class ManagedEntity:
         return TransitionCallbackReturn.SUCCESS
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Configure."""
         return self._by_default("on_configure", state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        """Undo the configuration."""
         return self._by_default("on_cleanup", state)
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        """Shut down."""
         return self._by_default("on_shutdown", state)
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Activate."""
         return self._by_default("on_activate", state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        """Deactivate."""
         return self._by_default("on_deactivate", state)
 
     def on_error(self, state: Any) -> TransitionCallbackReturn:

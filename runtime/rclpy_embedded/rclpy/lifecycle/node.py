@@ -124,7 +124,6 @@ class LifecycleNodeMixin(ManagedEntity):
     # Managed entities
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Let an entity take part in the transitions."""
         if not isinstance(entity, ManagedEntity):
             raise TypeError("Expected a rclpy.lifecycle.ManagedEntity instance.")
         self._managed_entities[entity] = None
