@@ -38,6 +38,7 @@ ALL = tuple(c_targets.TARGETS)
 #: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)
 EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
     "nmpc": ([], "fsw_nmpc", ALL),
+    "nmpc_adaptive": (["--parameter", "preset=adaptive"], "fsw_nmpc", ("gcc", "cortex_m7")),
     "nmpc_paper": (["--parameter", "preset=paper"], "fsw_nmpc", ("gcc", "cortex_m7")),
     "decentral": (["--controller", "decentral"], "fsw_decentral", ALL),
 }

@@ -12,6 +12,7 @@ from fsw_export.templates import render
 
 _TITLES = {
     "nmpc": "NMPC, default tuning (20 blocks of moves)",
+    "nmpc_adaptive": "NMPC, preset `adaptive` (20 blocks of moves)",
     "nmpc_paper": "NMPC, the paper's tuning (108 moves)",
     "decentral": "Decentralized controller",
 }

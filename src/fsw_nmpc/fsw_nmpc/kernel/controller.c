@@ -252,7 +252,7 @@ static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
-  out->doubt = fsw_doubt_of(c);
+  out->doubt = (int)fsw_doubt_of(c);
   for (int i = 0; i < FSW_ESTIMATES; i++) {
     out->disturbance[i] = e->x[shown[i]];
     out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
