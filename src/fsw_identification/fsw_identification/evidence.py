@@ -13,6 +13,7 @@ from fsw_identification.noise import autocorrelation_of
 from fsw_identification.simulation import OUTPUTS
 
 if TYPE_CHECKING:
+    from fsw_identification.elimination import Eliminated
     from fsw_identification.problem import Part, Problem
 
 #: of an output: the walks of its input and of itself
@@ -31,6 +32,14 @@ _PARSIMONY = 4.0
 _CORRELATION_S = (0.02, 30.0)
 
 
+def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminated]) -> float:
+    """Minus twice its logarithm, but for a constant, at the present parameters with the best shifts."""
+    n = 1 + len(problem.free)
+    cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
+    cost += 2.0 * np.log(problem.lag_deviation_s)
+    return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
+
+
 def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Sizes of the random walks with the largest evidence, of one after the other."""
     found: FloatArray = problem.walk.copy()
@@ -38,7 +47,7 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
         sizes = found.copy()
         sizes[at] = np.exp(log_size)
-        return problem.evidence_of(*problem.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
+        return _evidence_of(problem, *problem.eliminate(of_output, True, sizes)) + _PARSIMONY * log_size
 
     for output, which in enumerate(WALKS_OF):
         of_output = [part for part in parts if part.output == output]
@@ -61,7 +70,7 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
             problem.take_noise(output)
             for part in of_output:
                 problem.compress(part)
-            return problem.evidence_of(*problem.eliminate(of_output, True)) + of_samples(problem, output)
+            return _evidence_of(problem, *problem.eliminate(of_output, True)) + of_samples(problem, output)
 
         bounds = np.log(_CORRELATION_S)
         take(scipy.optimize.minimize_scalar(take, method="bounded", bounds=bounds, options={"xatol": 0.1}).x)
@@ -70,7 +79,7 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
 def evidence(problem: Problem) -> float:
     """Minus twice the logarithm of the evidence at the last solution, but for a constant."""
     parts = problem.linearised(problem.parameters, True)
-    found = problem.evidence_of(*problem.eliminate(parts, True))
+    found = _evidence_of(problem, *problem.eliminate(parts, True))
     # a thermocouple that lags is another state
     found += sum(2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts)
     return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))

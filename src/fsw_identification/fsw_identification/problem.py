@@ -110,14 +110,8 @@ class Problem:
     """Normal equations of one linearisation after the other; all segments of all welds at once.
 
     The border is the logarithms of the free parameters, the sizes of the shifts, the share of the tool in slow
-    disturbances of the temperature, and the lag of the thermocouple.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-    start : ModelParameters
-    free : sequence of str
-        Names of the parameters to estimate.
+    disturbances of the temperature, and the lag of the thermocouple. ``free`` are the names of the parameters to
+    estimate, which begin at ``start``.
     """
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
@@ -290,12 +284,6 @@ class Problem:
             rise = _smooth(seen)[:, TEMPERATURE] - (1.0 - SHARE) * doubtful - p.operating_temperature_c
             self.known[i] = Knowledge(rise, (depth - slow)[:, DEPTH], slow[:, TORQUE], doubtful, rate)
 
-    def _doubt(self) -> None:
-        """Take the slow disturbance of the temperature for what may be of the sensor."""
-        for part in self._parts[TEMPERATURE::3]:
-            doubtful = added(part.response, part.walk, part.at_knots)
-            self.known[part.segment] = self.known[part.segment]._replace(doubtful_c=doubtful)
-
     def information(self) -> FloatArray:
         """Of free parameters, shifts and share, of data and prior."""
         return self.eliminate(self.linearised(self.parameters, True), True)[0][1:, 1:]
@@ -308,13 +296,6 @@ class Problem:
         """Noise of an output from its whitened residuals, without outliers."""
         whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
         self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
-
-    def evidence_of(self, border: FloatArray, parts: Sequence[Eliminated]) -> float:
-        """At these parameters, with the best shifts."""
-        n = 1 + len(self.free)
-        cost = border[0, 0] - border[n:, 0] @ np.linalg.solve(border[n:, n:], border[n:, 0])
-        cost += 2.0 * np.log(self.lag_deviation_s)
-        return float(cost + np.linalg.slogdet(border[1:, 1:])[1] + sum(part.logdet for part in parts))
 
     def estimate_noise(self) -> None:
         """Noise of each output; and the weights of the samples."""
@@ -330,8 +311,10 @@ class Problem:
         damping = 1e-3
         for segment, weights in zip(self.segments, self.weights, strict=True):
             weights *= np.isfinite(segment.measured)
-        if not self.fixed_walk:
-            self._doubt()
+        if not self.fixed_walk:  # the slow disturbance of the temperature may be of the sensor
+            for part in self._parts[TEMPERATURE::3]:
+                doubtful = added(part.response, part.walk, part.at_knots)
+                self.known[part.segment] = self.known[part.segment]._replace(doubtful_c=doubtful)
         for iteration in range(iterations):
             progress()
             self.settle()
@@ -357,10 +340,7 @@ class Problem:
         n, lag_s, information = len(self.free), self.lag_s, border[1:, 1:]
         moving = [*range(n), *([len(information) - 1] if self.lagged else [])]
         while n and damping <= _MOST_DAMPED:
-            extra = np.zeros(len(information))
-            extra[moving] = damping * np.diag(information)[moving]
-            by = np.asarray(np.linalg.solve(information + np.diag(extra), border[1:, 0])[moving], dtype=np.float64)
-            by *= min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
+            by = _move(border, moving, damping)
             moved = _moved(self.parameters, self.free, by[:n])
             if self.lagged:
                 self.lag_s = float(np.clip(lag_s + by[-1], *_LAG_LIMITS_S))
@@ -371,6 +351,14 @@ class Problem:
             damping = max(10.0 * damping, 1e-4)
         self.lag_s = lag_s
         return damping, 0.0
+
+
+def _move(border: FloatArray, moving: Sequence[int], damping: float) -> FloatArray:
+    """What moves, damped and bounded."""
+    extra = np.zeros(len(border) - 1)
+    extra[moving] = damping * np.diag(border)[1:][moving]
+    by = np.asarray(np.linalg.solve(border[1:, 1:] + np.diag(extra), border[1:, 0])[moving], dtype=np.float64)
+    return by * min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
 
 
 def _moved(p: ModelParameters, free: Sequence[str], by: FloatArray) -> ModelParameters:
