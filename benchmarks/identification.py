@@ -357,10 +357,10 @@ def noisy(segment, correlations_s, seed):
     sizes = np.array([specs()[name].default for name in names]) / np.sqrt(len(correlations_s))
     generator, measured = np.random.default_rng(seed), segment.measured.copy()
     for correlation_s in correlations_s:
-        left = autocorrelation_of(correlation_s) if correlation_s else 0.0
+        autocorrelation = autocorrelation_of(correlation_s) if correlation_s else 0.0
         fresh = generator.standard_normal(measured.shape)
-        fresh[1:] *= np.sqrt(1.0 - left**2)
-        measured += sizes * scipy.signal.lfilter([1.0], [1.0, -left], fresh, axis=0)
+        fresh[1:] *= np.sqrt(1.0 - autocorrelation**2)
+        measured += sizes * scipy.signal.lfilter([1.0], [1.0, -autocorrelation], fresh, axis=0)
     return replace(segment, measured=measured)
 
 

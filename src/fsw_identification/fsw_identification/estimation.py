@@ -264,9 +264,8 @@ def _solve(
     problem.solve(count)
     problem.free = free
     problem.solve(count)
-    if (
-        problem.coloured and problem.autocorrelation.max() < _COLOURED
-    ):  # a lag or a shift had made the residuals look so
+    if problem.coloured and problem.autocorrelation.max() < _COLOURED:
+        # a lag or a shift had made the residuals look so
         problem.coloured, problem.autocorrelation = False, np.zeros(len(OUTPUTS))
     for problem.fixed_walk in (True, False):
         if not problem.fixed_walk:

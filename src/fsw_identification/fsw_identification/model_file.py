@@ -35,11 +35,11 @@ def of_sensors(fit: Fit) -> list[str]:
         if correlation_s > WHITE_S
     ]
     if fit.lag_s is not None:
-        lag_s, deviation_s = fit.lag_s
+        (lag_s, deviation_s), shown = fit.lag_s, fit.shown
         lines.append(
             f"the thermocouple lags the tool by {lag_s:.3g} s (std {deviation_s:.1g}), as the depth tells; for what it "
-            f"shows, in the model file, tool_lag_s is {fit.shown.tool_lag_s:.3g} s and dead_time_s "
-            f"{fit.shown.dead_time_s:.3g} s"
+            f"shows, in the model file, tool_lag_s is {shown.tool_lag_s:.3g} s and dead_time_s "
+            f"{shown.dead_time_s:.3g} s"
         )
         lines += [
             f"lag of the thermocouple and {name}: correlation {correlation:+.2f}"
