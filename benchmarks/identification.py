@@ -143,28 +143,43 @@ def errors_of(fit, factors):
     return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
-def identified(name, jobs, keep=None):
-    """Results of all jobs, on all cores; those in the file ``keep`` are there already, and others get there."""
-    kept = {}
-    if keep is not None and keep.exists():
-        kept = dict(json.loads(line) for line in keep.read_text(encoding="utf-8").splitlines())
-    runs = [kept[job[0]] for job in jobs if job[0] in kept]
-    left = [job for job in jobs if job[0] not in kept]
+def results_of(name, function, jobs, keep=None):
+    """Results of all jobs, on all cores; those in the file ``keep`` are there already, and others get there.
+
+    After Ctrl-C they are fewer than the jobs.
+    """
+    runs = kept(name, keep)
+    left = [job for job in enumerate(jobs) if job[0] not in runs]
     try:
-        for job, run in zip(left, on_all_cores(one, left), strict=True):
-            runs.append(run)
-            print(f"{name}: plant {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
+        for (index, _), run in zip(left, on_all_cores(function, [job for _, job in left]), strict=True):
+            runs[index] = run
+            print(f"{name}: {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
             if keep is not None:
                 with keep.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps([job[0], run]) + "\n")
+                    file.write(json.dumps([name, index, run]) + "\n")
     except KeyboardInterrupt:
-        print(f"interrupted: of {len(runs)} {name} plants only", file=sys.stderr)
-    return runs
+        print(f"{name}: interrupted, {len(runs)} of {len(jobs)} only", file=sys.stderr)
+    return [runs[index] for index in range(len(jobs)) if index in runs]
 
 
-def of_undisturbed(drawn):
+def kept(name, keep):
+    """Results of this name in the file ``keep``, by index; a line that was cut off at its end does not count."""
+    if keep is None or not keep.exists():
+        return {}
+    text = keep.read_text(encoding="utf-8")
+    if text and not text.endswith("\n"):
+        text = text[: text.rfind("\n") + 1]
+        keep.write_text(text, encoding="utf-8")
+    try:
+        lines = [json.loads(line) for line in text.splitlines()]
+        return {index: run for of, index, run in lines if of == name}
+    except (TypeError, ValueError):
+        raise SystemExit(f"{keep}: not the results of this benchmark; name another file with --keep") from None
+
+
+def of_undisturbed(drawn, keep=None):
     """Errors and coverage of all intervals on undisturbed welds of five minutes."""
-    runs = identified("undisturbed", [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)])
+    runs = results_of("undisturbed", one, [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)], keep)
     if not runs:
         return {}
     result = {"plants": len(runs), "cpus": os.cpu_count()}
@@ -191,10 +206,10 @@ def of_undisturbed(drawn):
     return result
 
 
-def of_disturbed(drawn):
+def of_disturbed(drawn, keep=None):
     """How many disturbed welds bias a parameter, and how many without a word."""
     events = [disturbance(index) for index in range(len(drawn))]
-    runs = identified("disturbed", [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))])
+    runs = results_of("disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))], keep)
     if not runs:
         return {"disturbed_welds": 0}
     biased, silent, gross, largest = 0, 0, 0, []
@@ -227,7 +242,7 @@ def deviations_of(runs):
 
 def of_whole_welds(drawn, keep=None):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
-    runs = identified("whole weld", [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)], keep)
+    runs = results_of("whole weld", one, [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)], keep)
     if not runs:
         return {"whole_welds": 0}
     off = deviations_of(runs)
@@ -250,16 +265,13 @@ def of_whole_welds(drawn, keep=None):
     }
 
 
-def of_foreign(count):
+def of_foreign(count, keep=None):
     """On how many canisters the identified model predicts better than the paper's, and ratios of the errors (RMS)."""
-    runs = []
-    for run in on_all_cores(foreign, range(count)):
-        runs.append(run)
-        print(f"canister {len(runs)} of {count}: {run}", file=sys.stderr, flush=True)
-    result = {"foreign_canisters": count}
-    for key in runs[0]:
+    runs = results_of("canister", foreign, range(count), keep)
+    result = {"foreign_canisters": len(runs)}
+    for key in runs[0] if runs else ():
         ratios = sorted(run[key] for run in runs)
-        result[f"foreign_{key}_better_percent"] = 100.0 * sum(ratio < 1.0 for ratio in ratios) / count
+        result[f"foreign_{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
         result[f"foreign_{key}_ratio_median"] = statistics.median(ratios)
         result[f"foreign_{key}_ratio_largest"] = ratios[-1]
     return result
@@ -290,12 +302,14 @@ def over_the_papers(judged, fit, settled):
     return {key: own[key] / papers[key] for key in own}
 
 
-def of_sensors(drawn, kinds=KINDS):
+def of_sensors(drawn, kinds=KINDS, keep=None):
     """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
     result = {}
     for kind in kinds:
         sensors = SENSING.get(kind, {})
-        runs = list(on_all_cores(sensed, [(i, factors, kind) for i, factors in enumerate(drawn)]))
+        runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)], keep)
+        if not runs:
+            break
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
         found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
@@ -312,7 +326,7 @@ def of_sensors(drawn, kinds=KINDS):
             found["lag_std_s_median"] = statistics.median(std for _, std in lags)
             found["lag_inside_95_percent"] = percent(one <= _95 for one in off)
         for output, name in enumerate(OUTPUTS):
-            found[f"{name}_correlation_s_median"] = statistics.median(float(over[output]) for *_, over, _ in runs)
+            found[f"{name}_correlation_s_median"] = statistics.median(over[output] for *_, over, _ in runs)
         for name in AIMS:
             if sizes := [abs(errors[name]) for errors, *_ in runs if name in errors]:
                 found[f"{name}_median_percent"] = 100.0 * statistics.median(sizes)
@@ -320,8 +334,10 @@ def of_sensors(drawn, kinds=KINDS):
             ratios = [ratios[key] for _, _, ratios, *_ in runs]
             found[f"{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
             found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = statistics.median(ratios), max(ratios)
+        found["plants"] = len(runs)
         result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
-        print(f"{kind}: {len(runs)} plants", file=sys.stderr, flush=True)
+        if len(runs) < len(drawn):
+            break
     return result
 
 
@@ -348,7 +364,7 @@ def sensed(job):
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
     ratios = over_the_papers(judged, fit, 0)
     told = disturbances(fit), any("not white" in line for line in remarks(Summary(kind, fit)))
-    return *errors_of(fit, factors), ratios, told, fit.lag_s, fit.correlation_s, seconds
+    return *errors_of(fit, factors), ratios, told, fit.lag_s, list(map(float, fit.correlation_s)), seconds
 
 
 def noisy(segment, correlations_s, seed):
@@ -391,35 +407,30 @@ def main():
         "--short", action="store_true", help="only the welds of five minutes, undisturbed and disturbed"
     )
     options.add_argument("--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors")
-    options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many; Ctrl-C ends it earlier")
+    options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many")
     options.add_argument(
-        "--keep", type=Path, metavar="FILE", help="whole welds: results as lines of JSON, to go on with"
+        "--keep", type=Path, metavar="FILE", help="lines of JSON, one for each weld, to go on with after Ctrl-C"
     )
     arguments = options.parse_args()
+    few, keep = 2 if arguments.quick else 12, arguments.keep
+    only = None
     if arguments.foreign:
-        result = of_foreign(2 if arguments.quick else 12)
-        result |= of_sensors(random_factors(2 if arguments.quick else 12, SPANS))
-        show(result)
-        save(result, arguments.json)
-        return 0
-    if arguments.sensors is not None:
-        result = of_sensors(random_factors(2 if arguments.quick else 12, SPANS), arguments.sensors or KINDS)
-        show(result)
-        save(result, arguments.json)
-        return 0
-    if arguments.whole:
-        result = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole], arguments.keep)
-        show(result)
-        save(result, arguments.json)
-        return 0
+        only = of_foreign(few, keep) | of_sensors(random_factors(few, SPANS), keep=keep)
+    elif arguments.sensors is not None:
+        only = of_sensors(random_factors(few, SPANS), arguments.sensors or KINDS, keep)
+    elif arguments.whole is not None:
+        only = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole], keep)
+    if only is not None:
+        if only:
+            show(only)
+            save(only, arguments.json)
+        return 0 if only else 130
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    if not (result := of_undisturbed(drawn)):
+    if not (result := of_undisturbed(drawn, keep)):
         return 130
-    result |= of_disturbed(drawn[: 8 if arguments.quick else 60])
+    result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
     if not arguments.short:
-        result |= of_whole_welds(drawn[: 2 if arguments.quick else 12])
-        result |= of_foreign(2 if arguments.quick else 12)
-        result |= of_sensors(drawn[: 2 if arguments.quick else 12])
+        result |= of_whole_welds(drawn[:few], keep) | of_foreign(few, keep) | of_sensors(drawn[:few], keep=keep)
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))

@@ -35,9 +35,19 @@ class Eliminated:
     """What is left for the border."""
 
     border: FloatArray  #: (1 + border, 1 + border): information; first row and column of the residuals
-    values: FloatArray  #: (k, p, 1 + border): at the knots, from the residuals and by each of the border
     logdet: float  #: of the information of the knots
     levels: list[Level]
+
+    def values(self) -> FloatArray:
+        """(k, p, 1 + border): at the knots, from the residuals and by each of the border; by back substitution."""
+        width = len(self.border)
+        p = self.levels[0][2].shape[1] // self.levels[0][0].shape[1]
+        values = np.zeros((1 + max(int(at.max()) for at, _, _ in self.levels), p, width))
+        for at, beside, rows in reversed(self.levels):
+            n, m = at.shape[1] * p, beside.shape[1] * p
+            known = rows[:, :, n : n + m] @ values[beside].reshape(len(at), m, width)
+            values[at] = np.linalg.solve(rows[:, :, :n], rows[:, :, n + m :] - known).reshape(*at.shape, p, width)
+        return values
 
     def variance(self, weights: FloatArray) -> float:
         """Of a weighted sum, (k, p), of the values at the knots; the border known."""
@@ -120,17 +130,7 @@ def eliminate(data: Compressed, walk: Walks, noise: float, start: FloatArray, st
     border += _squares(rows[:, 2 * p :, 2 * p :])
     logdet = sum(2.0 * float(np.log(np.abs(np.diagonal(of, axis1=1, axis2=2))).sum()) for _, _, of in levels)
     logdet += 2.0 * len(data.rows) * -float(np.log(tight).sum())
-    return Eliminated(border, _values(levels, p, width), logdet, levels)
-
-
-def _values(levels: list[Level], p: int, width: int) -> FloatArray:
-    """Back substitution."""
-    values = np.zeros((1 + max(int(at.max()) for at, _, _ in levels), p, width))
-    for at, beside, rows in reversed(levels):
-        n, m = at.shape[1] * p, beside.shape[1] * p
-        known = rows[:, :, n : n + m] @ values[beside].reshape(len(at), m, width)
-        values[at] = np.linalg.solve(rows[:, :, :n], rows[:, :, n + m :] - known).reshape(*at.shape, p, width)
-    return values
+    return Eliminated(border, logdet, levels)
 
 
 def _triangles(rows: FloatArray) -> FloatArray:

@@ -372,7 +372,7 @@ def _by_doubt(problem: Problem) -> FloatArray:
         if not problem.known[depth.segment].doubtful_c.any():
             continue
         by_rise = (problem.share - 1.0) * problem.by_rise(depth.segment, p)
-        at_knots = -problem.eliminated(temperature, problem.walk).values[:, :, 1 : 1 + free]
+        at_knots = -problem.eliminated(temperature, problem.walk).values()[:, :, 1 : 1 + free]
         courses = [added(temperature.response, temperature.walk, at_knots[:, :, i]) for i in range(free)]
         depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
         problem.compress(depth)
@@ -434,7 +434,7 @@ def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatAr
             weights = np.zeros(part.at_knots.shape)
             weights[:, -2] = problem.segments[part.segment].n_ticks / total / len(weights)
             means[part.output] += float((weights * part.at_knots).sum())
-            by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values[:, :, 1:])
+            by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values()[:, :, 1:])
             variances[part.output] += one.variance(weights)
     return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
 
@@ -445,7 +445,7 @@ def _heat_and_offset(problem: Problem) -> float:
     variances = np.zeros(3)
     for part, one in zip(parts, problem.eliminate(parts, False)[1], strict=True):
         if part.output == TEMPERATURE:
-            both = np.zeros((2, *one.values.shape[:2]))
+            both = np.zeros((2, *one.values().shape[:2]))
             for which, weights in enumerate(both):
                 weights[:, which - 2] = 1.0 / len(weights)
                 weights[0, which - 2] -= 1.0

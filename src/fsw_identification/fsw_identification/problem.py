@@ -251,7 +251,8 @@ class Problem:
         border, found = self.eliminate(parts, False)
         sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
         for part, one in zip(parts, found, strict=True):
-            part.at_knots = one.values[:, :, 0] - one.values[:, :, 1:] @ sizes
+            values = one.values()
+            part.at_knots = values[:, :, 0] - values[:, :, 1:] @ sizes
         return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
 
     def settle(self) -> None:

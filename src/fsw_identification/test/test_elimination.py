@@ -92,9 +92,9 @@ def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int, l
     values, *_ = np.linalg.lstsq(rows, others, rcond=None)
     left = others - rows @ values
     np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-7, atol=1e-7)
-    shape = found.values.shape
+    shape = found.values().shape
     deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(shape[:2])
-    np.testing.assert_allclose((found.values - values.reshape(shape)) / deviations[:, :, None], 0.0, atol=1e-5)
+    np.testing.assert_allclose((found.values() - values.reshape(shape)) / deviations[:, :, None], 0.0, atol=1e-5)
     stiff = -np.log(np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12)))
     expected = 2.0 * np.log(np.abs(np.diag(triangle))).sum() - 2.0 * (knots(n) - 1) * stiff.sum()
     assert found.logdet == pytest.approx(expected, abs=1e-5)
@@ -119,7 +119,7 @@ def test_priors_of_any_size(output: str) -> None:
         values, *_ = np.linalg.lstsq(rows / scale, others, rcond=1e-16)
         left = others - rows / scale @ values
         np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-3, atol=1e-2)
-        assert np.isfinite(found.logdet) and np.isfinite(found.values).all()
+        assert np.isfinite(found.logdet) and np.isfinite(found.values()).all()
         assert np.linalg.eigvalsh(found.border).min() > 0.0
     assert broken > 0
 
