@@ -17,6 +17,7 @@ from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, f
 from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
 from fsw_identification.noise import WHITE_S, correlation_s
 from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
+from fsw_identification.robust import long_run_covariance
 from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, as_shown
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
@@ -391,8 +392,12 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         notes = notes + [f"{name}: {n} samples left out: outliers" for name, n in zip(OUTPUTS, count, strict=True) if n]
         residuals = inside
     colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
+    robust = np.diag(long_run_covariance(problem))
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
+    # never smaller than by the model: of a short weld the residuals' own is too small by chance
+    wider = np.sqrt(np.maximum(1.0, robust / np.diag(covariance)))
+    covariance *= np.outer(wider, wider)
     with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(problem)
     covariance = with_doubt @ covariance @ with_doubt.T
     covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)

@@ -17,6 +17,9 @@ LAGS = 50
 CORRELATED = 0.9
 #: quantile of the normal distribution for bounds of 99 %
 _QUANTILE = 2.576
+#: sum of the autocorrelations at all ``LAGS``, in its standard deviations, from which on residuals are not white: of a
+#: slow part that no single lag tells
+SLOW = 3.0
 
 
 def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
@@ -50,14 +53,16 @@ def correlation(first: Sequence[FloatArray], second: Sequence[FloatArray], lags:
 def long_run_factor(residuals: Sequence[FloatArray]) -> float:
     """Variance of a mean of residuals over that of white noise; 1 unless they are clearly not white.
 
-    The first lags of the autocorrelation whose size is beyond the bounds of 99 % count.
+    The first lags of the autocorrelation whose size is beyond the bounds of 99 % count; all lags where they are beyond
+    theirs together.
     """
     if sum(int(np.isfinite(one).sum()) for one in residuals) < 2 * LAGS:
         return 1.0
     found, n = correlation(residuals, residuals, np.arange(1, LAGS + 1))
     inside = np.abs(found) < _QUANTILE / np.sqrt(n)
     last = int(np.argmax(inside)) if inside.any() else LAGS
-    return max(1.0, 1.0 + 2.0 * float(found[:last].sum()))
+    together = found.sum() if found.sum() > SLOW * np.sqrt(LAGS / n) else 0.0
+    return 1.0 + 2.0 * max(0.0, float(found[:last].sum()), float(together))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +84,10 @@ class Judgement:
         auto = np.abs(self.auto[output]) > self.bound
         cross = np.abs(self.cross[output, :, LAGS + 1 :]) > self.bound
         return float(auto.mean()), float(cross.mean())
+
+    def together(self, output: int) -> float:
+        """Sum of the autocorrelations at all lags, in standard deviations of that of white noise."""
+        return float(self.auto[output].sum() / np.sqrt(LAGS) / (self.bound / _QUANTILE))
 
 
 def judge(segments: Sequence[Segment], residuals: Sequence[FloatArray], whitened: Sequence[FloatArray]) -> Judgement:

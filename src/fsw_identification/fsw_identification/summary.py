@@ -12,7 +12,7 @@ from fsw_identification.model_file import estimates, of_sensors
 from fsw_identification.noise import WHITE_S
 from fsw_identification.problem import HEAT, WALKS
 from fsw_identification.simulation import OUTPUTS
-from fsw_identification.statistics import CORRELATED, Judgement, judge
+from fsw_identification.statistics import CORRELATED, SLOW, Judgement, judge
 from fsw_model import ModelParameters
 
 NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
@@ -119,7 +119,7 @@ def remarks(result: Summary) -> list[str]:
         lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")
     lines += of_sensors(fit)
     for i, name in enumerate(NAMES):
-        if max(result.judgement.outside(i)) > _WHITE:
+        if max(result.judgement.outside(i)) > _WHITE or result.judgement.together(i) > SLOW:
             lines.append(
                 f"residuals of {name} are not white: the model does not explain all of it, or its noise is of another "
                 f"colour; standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"

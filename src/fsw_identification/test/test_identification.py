@@ -10,8 +10,10 @@ import scipy
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_identification import disturbed, estimation, model_file, noise, report, statistics, summary
 from fsw_identification.elimination import knots
+from fsw_identification.evidence import WALK
 from fsw_identification.friction import from_air
-from fsw_identification.problem import HEAT
+from fsw_identification.problem import HEAT, Problem
+from fsw_identification.robust import _WINDOW_TICKS, _long_run, long_run_covariance
 from fsw_identification.simulation import (
     DEPTH,
     KNOT_TICKS,
@@ -445,3 +447,42 @@ def test_long_run_factor() -> None:
     coloured = np.convolve(white, 0.9 ** np.arange(60))[:3000]
     assert statistics.long_run_factor([white]) == 1.0
     assert statistics.long_run_factor([coloured]) > 5.0
+
+
+def test_a_slow_part_of_the_noise_is_told_though_no_lag_is() -> None:
+    """2 % of the variance, correlated over 10 s."""
+    generator, left = np.random.default_rng(1), 0.99
+    white = generator.standard_normal(3000)
+    slow = scipy.signal.lfilter([np.sqrt(0.02 * (1.0 - left**2))], [1.0, -left], generator.standard_normal(3000))
+    segment = only(weld(seconds=300.0))
+    for one, told in ((white, False), (white + slow, True)):
+        left_over = [np.column_stack([white, one, white])]
+        judged = statistics.judge([segment], left_over, left_over)
+        assert judged.outside(TEMPERATURE)[0] < 0.07
+        assert (judged.together(TEMPERATURE) > statistics.SLOW) == told
+        assert (statistics.long_run_factor([one]) > 1.5) == told
+
+
+def test_long_run_variance_is_the_weighted_sum_over_lags() -> None:
+    scores = np.random.default_rng(0).standard_normal((3 * _WINDOW_TICKS, 2))
+    lags = np.abs(np.subtract.outer(*2 * [np.arange(len(scores))]))
+    expected = scores.T @ np.maximum(0.0, 1.0 - lags / _WINDOW_TICKS) @ scores
+    np.testing.assert_allclose(_long_run(scores), expected)
+
+
+def widened(noise: FloatArray) -> FloatArray:
+    """Variances by the residuals over those by the model, of a weld with this noise, in the sensors' standard
+    deviations."""
+    segment = only(weld(seconds=300.0, noise=0.0))
+    segment = replace(segment, measured=segment.measured + np.array(NOISE) * noise[: segment.n_ticks])
+    problem = Problem([segment], OTHER, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction"))
+    problem.walk = WALK[0]
+    problem.solve(lambda: None)
+    ratios = np.diag(long_run_covariance(problem)) / np.diag(np.linalg.inv(problem.information()))
+    return np.asarray(ratios[: len(problem.free)])
+
+
+def test_residuals_widen_the_intervals_where_they_are_not_white() -> None:
+    white = np.random.default_rng(6).standard_normal((3000, 3))
+    assert (np.abs(np.log(widened(white))) < np.log(2.0)).all()
+    assert (widened(scipy.signal.lfilter([1.0], [1.0, -0.9], white, axis=0)) > 3.0).all()

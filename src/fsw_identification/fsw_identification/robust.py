@@ -1,0 +1,42 @@
+"""Covariance of an estimate by its residuals, whatever the noise's colour (Newey and West, Econometrica 55, 1987)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.problem import Problem
+from fsw_identification.simulation import KNOT_TICKS, shown
+
+#: correlation of the scores that counts, falling linearly to 0; beyond it, the noise is a slow disturbance's
+_WINDOW_TICKS = KNOT_TICKS
+
+
+def long_run_covariance(problem: Problem) -> FloatArray:
+    """(border, border): of free parameters, shifts, share and lag at a solution.
+
+    The information of the samples is replaced by the long-run variance of their scores: of the slopes, without what the
+    knots take of them, times the residuals. The prior's stays.
+    """
+    parts = problem.linearised(problem.parameters, True)
+    border, found = problem.eliminate(parts, True)
+    inverse = np.linalg.inv(border[1:, 1:])
+    scores = border[1:, 1:].copy()
+    for part, one in zip(parts, found, strict=True):
+        by_knots = one.values()[:, :, 1:]
+        response = part.response._replace(course=np.zeros(len(part.columns)))
+        slopes = [column - shown(response, part.walk, by_knots[:, :, i]) for i, column in enumerate(part.columns.T[1:])]
+        i, output = part.segment, part.output
+        scale = np.sqrt(problem.weights[i][:, output]) / problem.noise[output]
+        rows = np.column_stack([problem.whitening(i, output).of(slope) for slope in slopes]) * scale[:, None]
+        residuals = np.nan_to_num(problem.whitened[i][:, output]) * scale
+        scores += _long_run(rows * residuals[:, None]) - rows.T @ rows
+    return np.asarray(inverse @ scores @ inverse)
+
+
+def _long_run(scores: FloatArray) -> FloatArray:
+    """(n, any): sum over all lags of the products, with Bartlett's weights: of sums over a moving window."""
+    padded = np.pad(scores, ((_WINDOW_TICKS, _WINDOW_TICKS - 1), (0, 0)))
+    sums = np.cumsum(padded, axis=0)
+    moving = sums[_WINDOW_TICKS:] - sums[:-_WINDOW_TICKS]
+    return np.asarray(moving.T @ moving / _WINDOW_TICKS)
