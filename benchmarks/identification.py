@@ -428,8 +428,10 @@ def main():
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
     if not (result := of_undisturbed(drawn, keep)):
         return 130
-    result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
-    if not arguments.short:
+    complete = result["plants"] == len(drawn)
+    if complete:
+        result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
+    if complete and not arguments.short:
         result |= of_whole_welds(drawn[:few], keep) | of_foreign(few, keep) | of_sensors(drawn[:few], keep=keep)
     show(result)
     for name, aim in AIMS.items():
