@@ -197,6 +197,7 @@ typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
   double window_low[2], window_high[2];
+  double temp_cost;                        /* factor on the square of the temperature's deviation */
 } fsw_problem;
 
 typedef struct {
