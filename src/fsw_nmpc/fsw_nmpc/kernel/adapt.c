@@ -5,7 +5,8 @@
  * estimator, with the same estimates but the other range of the delay, and the one that makes the temperatures more likely
  * goes on. If neither fits, the gain is not taken for less than the model's.
  *
- * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. */
+ * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. Of
+ * the gain, its square root: a faster or slower probe, or a softer copper, passes for a gain, too. The loop bears what is left. */
 #include <math.h>
 
 #include "internal.h"
@@ -18,6 +19,7 @@
 #define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
 #define DELAY_STEP_S 0.05      /* likewise */
 #define MISFIT_KEEP 0.98       /* about five seconds */
+#define POWER_MEMORY_S 20.0
 #define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
 
 enum { TEMPERATURE = 2 };
@@ -113,7 +115,7 @@ static double certain(const fsw_estimator *e, int state, double of_model) {
 static double heat_in_use(fsw_nmpc *c) {
   const fsw_estimator *e = &c->estimator;
   fsw_adaptation *a = &c->adaptation;
-  a->power_kw += FSW_TICK_S / c->model.copper_lag_s * (e->power[0] - a->power_kw);
+  a->power_kw += FSW_TICK_S / POWER_MEMORY_S * (e->power[0] - a->power_kw);
   return e->x[FSW_HEAT] + (e->x[FSW_THERMAL_GAIN] / a->gain - 1.0) * (a->power_kw + e->x[FSW_HEAT]);
 }
 
@@ -124,7 +126,7 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
   compete(c, in);
   judge_fit(c);
-  const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
+  const double gain = sqrt(certain(e, FSW_THERMAL_GAIN, 1.0)), delay_s = certain(e, FSW_DELAY, 0.0);
   a->gain = fsw_clip(a->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
   a->heat_kw = heat_in_use(c);
