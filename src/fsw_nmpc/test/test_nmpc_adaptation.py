@@ -288,7 +288,7 @@ def test_what_is_learnt_moves_slowly_and_within_bounds():
         loop.run(5, HOTTER if k % 2 else TARGET)
     used = np.array(loop.used)
     assert np.abs(np.diff(used[:, 0])).max() <= 0.01 + 1e-12
-    assert used[:, 0].min() >= 0.5 and used[:, 0].max() == pytest.approx(2.0, abs=0.15)
+    assert used[:, 0].min() >= 0.5 and used[:, 0].max() == pytest.approx(2.0**0.5, abs=0.05)
     assert np.abs(np.diff(used[:, 1])).max() <= 0.05 + 1e-12
     assert np.abs(np.diff(loop.applied_rpm)).max() <= 3.0 + 1e-9
 
@@ -345,11 +345,19 @@ def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, se
 
 
 @pytest.mark.slow
-def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(not_adapting):
+@pytest.mark.parametrize(
+    "factors",
+    [
+        {"thermal_gain_c_per_kw": 0.75, "sliding_friction": 0.95},
+        {"dead_time_s": 4.2 / 2.8, "tool_lag_s": 1.5, "sliding_friction": 0.95},
+    ],
+    ids=["weaker", "later"],
+)
+def test_a_weak_or_late_response_takes_no_more_of_the_temperature_in_a_step_of_the_depth(factors, not_adapting):
     """A deviation costs as much by the power that it lacks; else the peak would be a third higher."""
 
     def peak(tuning_file):
-        loop = Welding(noise=False, thermal_gain_c_per_kw=0.75, sliding_friction=0.95)
+        loop = Welding(noise=False, **factors)
         loop.controller.configure({"tuning_file": tuning_file})
         loop.run(25, HOTTER)
         loop.run(40, HOTTER)
