@@ -254,6 +254,47 @@ def test_what_a_late_response_explains_is_no_heat_and_the_reason_is_told():
     assert loop.doubts[-1] == Doubt.NOTHING
 
 
+def beaten(**factors):
+    """A loop whose steps have told that the response is not late; and its estimators."""
+    loop = SlowProbe(0.0, **factors)
+    for reference in (HOTTER, TARGET):
+        loop.run(20, reference)
+    assert loop.controller.library.state.adaptation.is_beaten
+    return loop, loop.controller.library.state
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [1.0, 1.6])
+def test_heat_brings_back_no_late_response_that_was_beaten(gain):
+    """As on the way down a canister: when a rival began anew with every move of the power, it took over, and half of the
+    heat was found after 15 to 17 s, as what was left passed for a response that is later still."""
+    loop, state = beaten(thermal_gain_c_per_kw=gain)
+    kw, before_kw, found_kw = 6.0, state.estimator.x[State.HEAT], []
+    for tick in range(300):
+        x = list(loop.state.x)
+        lost_kw = kw * min(tick / 200, 1.0)
+        x[COPPER] -= 0.1 * lost_kw * gain * P.thermal_gain_c_per_kw / P.copper_lag_s
+        loop.state.x = tuple(x)
+        loop.run(0.1)
+        found_kw.append(before_kw - state.estimator.x[State.HEAT])
+    assert not any(loop.is_late)
+    assert np.argmax(np.array(found_kw) > kw / 2) == pytest.approx(135, abs=10)
+
+
+@pytest.mark.slow
+def test_a_range_that_was_beaten_is_so_at_rest_and_comes_back_where_the_response_is_late():
+    """Here the thermocouple shows what was 2 s before, from some time on."""
+    loop, state = beaten()
+    loop.run(30)
+    assert not state.adaptation.rival.started and state.adaptation.is_beaten
+    shown_c = [TARGET.temperature_c] * 20
+    for tick in range(1200):
+        shown_c.append(loop.measure().temperature_c + float(loop.rng.normal(0.0, NOISE[2])))
+        loop.run(0.1, TARGET if tick // 200 % 2 else HOTTER, temperature_c=shown_c.pop(0))
+    assert np.mean(loop.is_late[-400:]) > 0.9
+    assert loop.found[-1][1] == pytest.approx(2.0, abs=0.5)
+
+
 def test_what_is_not_certain_is_not_used():
     """A step of the depth tells little: the estimates move, and what is used of them is the model's."""
     loop = Welding(thermal_gain_c_per_kw=1.4)

@@ -28,7 +28,7 @@ static int is_adapting(const fsw_nmpc_tuning *t) { return t->walk[FSW_THERMAL_GA
 
 void fsw_adaptation_start(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
-  a->rival.started = a->is_refuted = 0;
+  a->rival.started = a->is_beaten = a->is_refuted = 0;
   a->evidence = a->delay_s = a->heat_kw = 0.0;
   a->gain = a->misfit = 1.0;
 }
@@ -57,7 +57,7 @@ static void challenge(fsw_nmpc *c) {
   rival->x[FSW_DELAY] = rival->is_late ? 2.0 * half_s : 0.0;
   for (int i = 0; i < N; i++) rival->p[FSW_DELAY][i] = rival->p[i][FSW_DELAY] = 0.0;
   rival->p[FSW_DELAY][FSW_DELAY] = RIVAL_SHARE * RIVAL_SHARE * half_s * half_s;
-  c->adaptation.evidence = 0.0;
+  c->adaptation.evidence = c->adaptation.is_beaten ? LEAST_EVIDENCE : 0.0;
 }
 
 /* Byte by byte: an estimator is too large for the stack. */
@@ -70,18 +70,41 @@ static void exchange(fsw_estimator *one, fsw_estimator *other) {
   }
 }
 
+/* Ticks by which a response may be later than estimated: no later than its range once the later one is beaten. */
+static int later_ticks(const fsw_nmpc *c) {
+  if (c->estimator.is_late || !c->adaptation.is_beaten) return FSW_SLOWER;
+  return (int)((fsw_delay_span_s(&c->model) - c->estimator.x[FSW_DELAY]) / FSW_TICK_S + 0.5);
+}
+
+/* What the last temperature tells of the rival. One that was beaten before comes back on better evidence only: of a later
+ * response by innovations that one explains, as others are heat; and counted by how well the estimator fits, as innovations
+ * that keep their sign are not independent. */
+static double evidence_of(const fsw_nmpc *c) {
+  const fsw_adaptation *a = &c->adaptation;
+  const double more = more_likely(&a->rival, &c->estimator, &c->tuning);
+  if (!a->is_beaten) return more;
+  if (!c->estimator.is_late && c->estimator.is_unexplained) return 0.0;
+  return more / (a->misfit > 1.0 ? a->misfit : 1.0);
+}
+
 static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_adaptation *a = &c->adaptation;
   fsw_estimator *e = &c->estimator;
+  e->later_ticks = later_ticks(c);
+  a->rival.later_ticks = FSW_SLOWER;
   if (!e->heated_ticks || !(c->tuning.walk[FSW_DELAY] > 0.0)) a->rival.started = 0;
   else if (!a->rival.started) {
     if (e->is_telling) challenge(c);
   } else if (fsw_estimator_step(&a->rival, &c->model, &c->tuning, in)) {
-    a->evidence += more_likely(&a->rival, e, &c->tuning);
-    if (a->evidence < LEAST_EVIDENCE) a->evidence = LEAST_EVIDENCE;
+    a->evidence += evidence_of(c);
+    if (a->evidence < LEAST_EVIDENCE) {
+      a->evidence = LEAST_EVIDENCE;
+      a->is_beaten = 1;
+    }
     if (a->evidence > ENOUGH_EVIDENCE) {
       exchange(e, &a->rival);
       a->evidence = 0.0;
+      a->is_beaten = 0;
     }
   }
 }
