@@ -6,7 +6,7 @@
  * goes on. If neither fits, the gain is not taken for less than the model's.
  *
  * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. Of
- * the gain, its square root: a faster or slower probe, or a softer copper, passes for a gain, too. The loop bears what is left. */
+ * the gain, the root: a faster or slower probe, or a softer copper, passes for a gain, too, and the loop bears what is left. */
 #include <math.h>
 
 #include "internal.h"
@@ -133,6 +133,14 @@ static double certain(const fsw_estimator *e, int state, double of_model) {
   return fsw_clip(of_model, x - deviation, x + deviation);
 }
 
+/* The square root of what is certain of the gain. Where the response is late or fits no gain and delay, the larger gain is the
+ * cautious one: all of it if it is above the model's. */
+static double gain_in_use(const fsw_nmpc *c) {
+  const double gain = certain(&c->estimator, FSW_THERMAL_GAIN, 1.0);
+  if (gain > 1.0) return c->estimator.is_late || c->adaptation.is_refuted ? gain : sqrt(gain);
+  return c->adaptation.is_refuted ? 1.0 : sqrt(gain);
+}
+
 /* The heat of a prediction with another gain than the estimator's: the power of the last half minute heats alike with both,
  * so that a process at rest does not stay off its set-point. */
 static double heat_in_use(fsw_nmpc *c) {
@@ -149,8 +157,8 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
   compete(c, in);
   judge_fit(c);
-  const double gain = sqrt(certain(e, FSW_THERMAL_GAIN, 1.0)), delay_s = certain(e, FSW_DELAY, 0.0);
-  a->gain = fsw_clip(a->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
+  const double gain = gain_in_use(c), delay_s = certain(e, FSW_DELAY, 0.0);
+  a->gain = fsw_clip(gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
   a->heat_kw = heat_in_use(c);
   return 1;
