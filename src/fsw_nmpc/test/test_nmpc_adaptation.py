@@ -266,8 +266,8 @@ def beaten(**factors):
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.0, 1.6])
 def test_heat_brings_back_no_late_response_that_was_beaten(gain):
-    """As on the way down a canister: when a rival began anew with every move of the power, it took over, and half of the
-    heat was found after 15 to 17 s, as what was left passed for a response that is later still."""
+    """As on the way down a canister: when a rival began anew with every move of the power, it took over, and half of
+    the heat was found after 15 to 17 s, as what was left passed for a response that is later still."""
     loop, state = beaten(thermal_gain_c_per_kw=gain)
     kw, before_kw, found_kw = 6.0, state.estimator.x[State.HEAT], []
     for tick in range(300):
