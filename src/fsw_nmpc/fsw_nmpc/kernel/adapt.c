@@ -19,7 +19,7 @@
 #define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
 #define DELAY_STEP_S 0.05      /* likewise */
 #define MISFIT_KEEP 0.98       /* about five seconds */
-#define POWER_MEMORY_S 20.0
+#define POWER_MEMORY_S 20.0    /* see heat_in_use */
 #define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
 
 enum { TEMPERATURE = 2 };
@@ -141,7 +141,7 @@ static double gain_in_use(const fsw_nmpc *c) {
   return c->adaptation.is_refuted ? 1.0 : sqrt(gain);
 }
 
-/* The heat of a prediction with another gain than the estimator's: the power of the last half minute heats alike with both,
+/* The heat of a prediction with another gain than the estimator's: the power of the last 20 s heats alike with both,
  * so that a process at rest does not stay off its set-point. */
 static double heat_in_use(fsw_nmpc *c) {
   const fsw_estimator *e = &c->estimator;
