@@ -339,7 +339,7 @@ def identify(
     found = estimation.identify(segments, first, progress, steady)
     validation = None
     if checked is not None:
-        validation = estimation.validate(checked.segments, found.parameters, found.lag_s[0] if found.lag_s else 0.0)
+        validation = estimation.validate(checked.segments, found.parameters, found.known_lag_s)
     notes = tuple(note for weld in data for note in weld.notes)
     return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 
