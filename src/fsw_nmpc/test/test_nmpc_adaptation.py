@@ -230,8 +230,11 @@ def test_a_jump_of_the_thermocouple_is_no_heat_even_where_it_comes_by_and_by(lag
     assert not loop.widened.any()
 
 
-def cooled(kw):
-    """A loop with a late response, as it has found; then heat is lost, by and by in half a minute. And that heat."""
+def cooled(kw, refuted=False):
+    """A loop with a late response, as it has found; then heat is lost, by and by in half a minute. And that heat.
+
+    ``refuted``: as if no gain and delay explained the temperature meanwhile.
+    """
     loop = SlowProbe(0.0, dead_time_s=1.0 + 2.0 / P.dead_time_s)
     for reference in (HOTTER, TARGET):
         loop.run(20, reference)
@@ -241,6 +244,7 @@ def cooled(kw):
         x = list(loop.state.x)
         x[COPPER] -= 0.1 * kw * min(tick / 300, 1.0) * P.thermal_gain_c_per_kw / P.copper_lag_s
         loop.state.x = tuple(x)
+        loop.controller.library.state.adaptation.is_refuted |= refuted
         loop.run(0.1)
     return loop, loop.controller.library.state.estimator.x[State.HEAT] - before_kw
 
@@ -261,7 +265,17 @@ def test_what_a_late_response_explains_is_no_heat_and_the_reason_is_told():
     assert not loop.widened[doubts[1:] == Doubt.LATE].any()
     assert {bool(doubt) for doubt in doubts[reasons != ""]} == {True}
     assert not any(doubts[reasons == ""])
-    assert loop.doubts[-1] == Doubt.NOTHING
+    assert loop.doubts[-1] == 0
+
+
+@pytest.mark.slow
+def test_no_doubt_hides_another():
+    loop, _ = cooled(4.0, refuted=True)
+    doubts, reasons = np.array(loop.doubts), np.array(loop.reasons)
+    assert Doubt.MISFIT in doubts
+    for reason in reasons[doubts == Doubt.LATE | Doubt.MISFIT]:
+        assert "late response" in reason and "no gain and delay" in reason
+    assert Doubt.LATE | Doubt.MISFIT in doubts
 
 
 def beaten(**factors):

@@ -122,9 +122,8 @@ static void judge_fit(fsw_nmpc *c) {
   if (a->misfit > LARGEST_MISFIT) a->is_refuted = 1;
 }
 
-fsw_doubt fsw_doubt_of(const fsw_nmpc *c) {
-  if (c->adaptation.is_refuted) return FSW_DOUBT_MISFIT;
-  return c->estimator.is_doubtful ? FSW_DOUBT_LATE : FSW_DOUBT_NOTHING;
+int fsw_doubts_of(const fsw_nmpc *c) {
+  return (c->estimator.is_doubtful ? FSW_DOUBT_LATE : 0) | (c->adaptation.is_refuted ? FSW_DOUBT_MISFIT : 0);
 }
 
 /* The value nearest to the model's that is within CERTAIN standard deviations of the estimate. */

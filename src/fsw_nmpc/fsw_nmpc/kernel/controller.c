@@ -261,7 +261,7 @@ static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
-  out->doubt = (int)fsw_doubt_of(c);
+  out->doubt = fsw_doubts_of(c);
   for (int i = 0; i < FSW_ESTIMATES; i++) {
     out->disturbance[i] = e->x[shown[i]];
     out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
@@ -278,7 +278,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   out->force_kn = limited(c, 0, c->applied[0]);
   out->speed_rpm = limited(c, 1, c->applied[1]);
   out->healthy = out->blind = out->has_plan = 0;
-  out->doubt = FSW_DOUBT_NOTHING;
+  out->doubt = 0;
   out->solve_status = FSW_NOT_SOLVED;
   out->iterations = 0;
   out->bad_cycles = c->bad_cycles;

@@ -153,11 +153,10 @@ typedef enum {
   FSW_OUT_OF_BOUNDS
 } fsw_reason;
 
-/* Why the adaptation is cautious. */
+/* Why the adaptation is cautious, as bits. */
 typedef enum {
-  FSW_DOUBT_NOTHING,
-  FSW_DOUBT_LATE,                          /* what passes for heat may be a late response to the power, and is not used */
-  FSW_DOUBT_MISFIT                         /* no gain and delay fit: the gain in use is no less than the model's */
+  FSW_DOUBT_LATE = 1,                      /* what passes for heat may be a late response to the power, and is not used */
+  FSW_DOUBT_MISFIT = 2                     /* no gain and delay fit: the gain in use is no less than the model's */
 } fsw_doubt;
 
 /* Sensors missing for too long, as bits. */
@@ -167,7 +166,7 @@ typedef struct {
   double force_kn, speed_rpm;              /* the proposal */
   int healthy, reason;
   int blind;                               /* bits of fsw_missing */
-  int doubt;                               /* fsw_doubt */
+  int doubt;                               /* bits of fsw_doubt */
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
