@@ -347,8 +347,7 @@ def test_nothing_is_learnt_while_the_thermocouple_is_held(held):
 
 @pytest.mark.slow
 def test_what_is_learnt_moves_slowly_and_within_bounds():
-    """On a process beyond the bounds, with wild temperatures, all of the gain is used: 1 % of it in a tick, and the drives
-    never jump."""
+    """On a process beyond the bounds, with wild temperatures: 1 % of the gain in a tick, and the drives never jump."""
     loop = Welding(thermal_gain_c_per_kw=2.6)
     for k in range(12):
         loop.run(5, HOTTER if k % 2 else TARGET)
