@@ -9,6 +9,7 @@ import pytest
 
 from fsw.main import main
 from fsw_control.c_library import compiler
+from fsw_test_support.c_code import STRICT, compile_c
 from fsw_test_support.c_targets import TARGETS, build, check_vectors, largest_difference, stack_bytes
 from fsw_test_support.exports import c_folder, c_objects
 
@@ -25,6 +26,18 @@ def exported(tmp_path_factory):
 def objects(tmp_path_factory):
     """Compiled sources of each controller."""
     return {name: c_objects(tmp_path_factory, name) for name in CONTROLLERS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_strict_c99_without_a_warning(exported, compiler, controller):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    folder = exported[controller]
+    files = [str(path) for path in (folder / "main.c", *sorted((folder / "src").glob("*.c")))]
+    built = compile_c([*STRICT, "-I", str(folder), "-I", str(folder / "src"), "-fsyntax-only", *files], [compiler])
+    assert built.returncode == 0, built.stderr
 
 
 @pytest.mark.slow

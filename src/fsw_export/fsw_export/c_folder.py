@@ -18,8 +18,9 @@ from fsw_export.templates import render
 from fsw_export.vectors import VectorRecorder, csv_text, recorded
 from fsw_schema.models import InputError
 
+_WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")
 #: as in the exported CMakeLists.txt
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", *_WARNINGS)
 _MARK = "fsw_example.h"
 #: blocks of moves of the paper's tuning
 _ALL_MOVES = 54

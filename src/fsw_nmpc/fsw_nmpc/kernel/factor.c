@@ -3,7 +3,15 @@
 
 #include "internal.h"
 
+/* Sums are formed a tile of BLOCK rows and TILE columns at a time, as large as the registers hold; each sum has the same
+ * terms in the same order whatever the tile. Both divide FSW_PAD. */
+#ifdef __arm__
+#define BLOCK 2
+#define TILE 4
+#else
 #define BLOCK 4
+#define TILE 8
+#endif
 /* Near the solution pivots differ by so many decades that rounding would leave pivots of noise, and directions that no
  * longer lower the stationarity residual. */
 #define ABOVE_ROUNDING 2e-15
@@ -14,49 +22,70 @@ static int first_wider(const fsw_workspace *w, int begin, int end, int j) {
   return begin;
 }
 
-/* acc += sum over rows of weighted[j..j+BLOCK) by[l..l+PAD) */
-static void accumulate(const fsw_workspace *w, int begin, int end, int j, int l, double (*restrict acc)[FSW_PAD]) {
+/* acc += sum over rows of weighted a[l..l+TILE) */
+static void accumulate(const fsw_workspace *w, int begin, int end, int l, double (*restrict acc)[TILE]) {
   for (int r = begin; r < end; r++) {
-    const double *restrict a = w->by[w->row[r]] + l, *restrict d = w->scratch.matrices.weighted[r] + j;
+    const double *restrict a = w->by[w->row[r]] + l, *restrict d = w->scratch.matrices.weighted[r];
     for (int i = 0; i < BLOCK; i++)
-      for (int q = 0; q < FSW_PAD; q++) acc[i][q] += d[i] * a[q];
+      for (int q = 0; q < TILE; q++) acc[i][q] += d[i] * a[q];
   }
 }
 
-/* sum of pivot a a' over all rows */
-static void sum_rows(fsw_workspace *w) {
-  const int nv = w->nv;
-  for (int r = 0; r < w->n_rows; r++) {
-    const double *restrict a = w->by[w->row[r]];
+/* weighted = pivot a[j..j+BLOCK) */
+static void weigh(fsw_workspace *w, int begin, int end, int j) {
+  for (int r = begin; r < end; r++) {
+    const double *restrict a = w->by[w->row[r]] + j, pivot = w->row_pivot[r];
     double *restrict d = w->scratch.matrices.weighted[r];
-    for (int j = 0; j < (w->row_width[r] + FSW_PAD - 1) / FSW_PAD * FSW_PAD; j++) d[j] = w->row_pivot[r] * a[j];
+    for (int i = 0; i < BLOCK; i++) d[i] = pivot * a[i];
   }
-  int depth_from = 0, temp_from = w->n_depth;
-  for (int l = 0; l < nv; l += FSW_PAD) {
-    depth_from = first_wider(w, depth_from, w->n_depth, l);
-    temp_from = first_wider(w, temp_from, w->n_rows, l);
-    for (int j = 0; j < l + FSW_PAD && j < nv; j += BLOCK) {
-      double acc[BLOCK][FSW_PAD] = {{0.0}};
-      accumulate(w, depth_from, w->n_depth, j, l, acc);
-      accumulate(w, temp_from, w->n_rows, j, l, acc);
+}
+
+/* sum += pivot a a' of the rows in use from begin to end */
+static void add_rows(fsw_workspace *w, int begin, int end, double (*restrict sum)[FSW_STRIDE]) {
+  const int n_depth = w->n_depth, middle = begin > n_depth ? begin : end < n_depth ? end : n_depth;
+  for (int j = 0; j < w->nv; j += BLOCK) {
+    int depth_from = first_wider(w, begin, middle, j), temp_from = first_wider(w, middle, end, j);
+    weigh(w, depth_from, middle, j);
+    weigh(w, temp_from, end, j);
+    for (int l = j / TILE * TILE; l < w->nv; l += TILE) {
+      double acc[BLOCK][TILE];
       for (int i = 0; i < BLOCK; i++)
-        for (int q = 0; q < FSW_PAD; q++) w->scratch.matrices.factor[j + i][l + q] = acc[i][q];
+        for (int q = 0; q < TILE; q++) acc[i][q] = sum[j + i][l + q];
+      depth_from = first_wider(w, depth_from, middle, l);
+      temp_from = first_wider(w, temp_from, end, l);
+      accumulate(w, depth_from, middle, l, acc);
+      accumulate(w, temp_from, end, l, acc);
+      for (int i = 0; i < BLOCK; i++)
+        for (int q = 0; q < TILE; q++) sum[j + i][l + q] = acc[i][q];
     }
   }
 }
 
-static void copy(double (*restrict to)[FSW_STRIDE], double (*restrict from)[FSW_STRIDE], int n) {
-  for (int j = 0; j < n; j++)
-    for (int l = j / FSW_PAD * FSW_PAD; l < n; l++) to[j][l] = from[j][l];
+/* Leading rows in use without a soft side. */
+static int n_constant(const fsw_workspace *w) {
+  int first = w->n_rows;
+  for (int k = 0; k < w->n_soft_rows; k++) first = w->soft_row[k] < first ? w->soft_row[k] : first;
+  return first;
 }
 
-/* Rows without a soft side have the same pivots in all iterations of a solve: then their sum, the most of the work, is
- * kept where the weighted rows were, which are no longer needed. */
+/* sum of pivot a a' of all rows in use. Those without a soft side have the same pivots in all iterations of a solve: the
+ * sum of the leading ones, often the most of the work, is kept. */
+static void sum_rows(fsw_workspace *w, int again) {
+  double (*restrict kept)[FSW_STRIDE] = w->scratch.matrices.kept, (*restrict sum)[FSW_STRIDE] = w->scratch.matrices.factor;
+  const int n_kept = n_constant(w), n = (w->nv + FSW_PAD - 1) / FSW_PAD * FSW_PAD;
+  if (!again) {
+    for (int j = 0; j < n; j++)
+      for (int l = 0; l < n; l++) kept[j][l] = 0.0;
+    add_rows(w, 0, n_kept, kept);
+  }
+  for (int j = 0; j < n; j++)
+    for (int l = j / TILE * TILE; l < n; l++) sum[j][l] = kept[j][l];
+  add_rows(w, n_kept, w->n_rows, sum);
+}
+
 static void assemble(fsw_workspace *w, int again) {
-  const int nv = w->nv, stays = w->n_soft_rows == 0;
-  if (again && stays) copy(w->scratch.matrices.factor, w->scratch.matrices.weighted, nv);
-  else sum_rows(w);
-  if (!again && stays) copy(w->scratch.matrices.weighted, w->scratch.matrices.factor, nv);
+  const int nv = w->nv;
+  sum_rows(w, again);
   /* inputs at the ends of the blocks: moves of the same input add up */
   const double *input_above = w->hard.pivot + 2 * nv, *input_below = w->hard.pivot + 3 * nv;
   double sum[2] = {0.0, 0.0}, ends[2][FSW_MAX_VARS];
@@ -80,17 +109,17 @@ static void assemble(fsw_workspace *w, int again) {
 static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   for (int p = 0; p < n; p += BLOCK) {
     const int end = p + BLOCK < n ? p + BLOCK : n;
-    for (int l = p / FSW_PAD * FSW_PAD; l < n; l += FSW_PAD) { /* a tile at a time */
-      double acc[BLOCK][FSW_PAD];
+    for (int l = p / TILE * TILE; l < n; l += TILE) { /* a tile at a time */
+      double acc[BLOCK][TILE];
       for (int i = 0; i < BLOCK; i++)
-        for (int q = 0; q < FSW_PAD; q++) acc[i][q] = k[p + i][l + q];
+        for (int q = 0; q < TILE; q++) acc[i][q] = k[p + i][l + q];
       for (int e = 0; e < p; e++) {
         const double *restrict a = k[e] + l, *restrict d = k[e] + p;
         for (int i = 0; i < BLOCK; i++)
-          for (int q = 0; q < FSW_PAD; q++) acc[i][q] -= d[i] * a[q];
+          for (int q = 0; q < TILE; q++) acc[i][q] -= d[i] * a[q];
       }
       for (int i = 0; i < BLOCK; i++)
-        for (int q = 0; q < FSW_PAD; q++) k[p + i][l + q] = acc[i][q];
+        for (int q = 0; q < TILE; q++) k[p + i][l + q] = acc[i][q];
     }
     for (int c = p; c < end; c++) { /* the block's rows, one after the other */
       double *restrict row = k[c];

@@ -38,7 +38,8 @@ typedef struct { /* of use during the prediction only */
 
 typedef struct { /* of use after it only */
   double factor[FSW_STRIDE][FSW_STRIDE];
-  double weighted[FSW_MAX_ROWS][FSW_STRIDE];         /* rows times their pivots */
+  double weighted[FSW_MAX_ROWS][FSW_PAD];            /* some columns of the rows, times their pivots */
+  double kept[FSW_STRIDE][FSW_STRIDE];               /* the part that is the same in all iterations of a solve */
 } fsw_matrices;
 
 typedef struct {
