@@ -285,7 +285,7 @@ def foreign(index):
 
 def over_the_papers(judged, fit, settled):
     """Errors of predictions by an identified model over those of the paper's model."""
-    own = prediction_errors(judged, fit.shown, settled, fit.lag_s[0] if fit.lag_s else 0.0)
+    own = prediction_errors(judged, fit.shown, settled, fit.known_lag_s)
     papers = prediction_errors(judged, nominal(), settled)
     return {key: own[key] / papers[key] for key in own}
 

@@ -175,13 +175,7 @@ def _is_ready(home, locks):
 
 
 def _make(home, locks):
-    try:
-        same_python = subprocess.run(
-            [_python(home), "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True
-        ).stdout.strip() == str(sys.version_info[:2])
-    except OSError:
-        same_python = False
-    if not same_python:
+    if _made_with(home) != _minor(sys.version):
         print(f"[set-up] making {home.name} with Python {sys.version.split()[0]}", file=sys.stderr, flush=True)
         try:
             venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_genuine_ros()).create(home)

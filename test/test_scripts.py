@@ -102,6 +102,23 @@ def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
     assert "is of Python 3.99; delete it to use" in ran.stderr and python.read_text().startswith("#!/bin/sh")
 
 
+def test_python_of_an_environment_is_what_its_file_says_if_there_is_an_interpreter(tmp_path):
+    """Whether it is made anew and whether it is used both follow from that."""
+    for name, interpreter in (("whole", True), ("without interpreter", False), ("without file", True)):
+        (tmp_path / name / "bin").mkdir(parents=True)
+        if interpreter:
+            (tmp_path / name / "bin" / "python").touch()
+        if name != "without file":
+            (tmp_path / name / "pyvenv.cfg").write_text("home = /nowhere\nversion = 3.99.1\n")
+    homes = [str(tmp_path / name) for name in ("whole", "without interpreter", "without file", "nowhere")]
+    program = (
+        f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap\n"
+        f"print([_bootstrap._made_with(_bootstrap.Path(home)) for home in {homes}])"
+    )
+    ran = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, timeout=600, check=True)
+    assert ran.stdout == "['3.99', '', '', '']\n"
+
+
 def test_output_that_nobody_reads():
     command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
     ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=600, check=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import signal
 import sys
 import time
 from dataclasses import replace
@@ -107,7 +106,6 @@ def commission(arguments: argparse.Namespace) -> int:
     )
     if not file.exists():
         new_folder(arguments.out, "commission")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     work = Work(arguments)
     session = Session(
         course,

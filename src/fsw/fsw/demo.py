@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -58,7 +57,6 @@ LIVE_SCENARIO = "canister_weld"
 )
 def demo(parsed: argparse.Namespace) -> int:
     """Run the demonstration; returns the exit code."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     return _live(parsed) if parsed.live else _demonstrate(parsed)
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from fsw.console import program
 from fsw_analysis.kpi import KpiError
@@ -28,10 +31,25 @@ def _said(error: BaseException) -> str:
     return " ".join(str(error).split()).replace("fsw.py ", f"{program()} ")
 
 
-def exit_code(action: Callable[[], int]) -> int:
-    """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
+@contextmanager
+def _termination_as_ctrl_c() -> Iterator[None]:
+    """SIGTERM raises KeyboardInterrupt, so that a file half written is removed; where it is ignored it stays so."""
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        code = action()
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def exit_code(action: Callable[[], int]) -> int:
+    """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted, by Ctrl-C or SIGTERM."""
+    try:
+        with _termination_as_ctrl_c():
+            code = action()
         if sys.stdout is not None:  # closed by the parent process
             sys.stdout.flush()
         return code

@@ -54,17 +54,23 @@ def add(arguments: argparse.Namespace) -> int:
 
     if arguments.record and len(arguments.bag) > 1:
         raise CommandError("history add: --record is of one weld; give one bag")
-    rows = []
-    for name, bag in zip(labels(arguments.bag), arguments.bag, strict=True):
-        signals, files = read_weld(bag), data_files(files_of(bag))
-        verdict = _verdict(arguments.record, files, bag) if arguments.record else ""
+    welds = []
+    for label, bag in zip(labels(arguments.bag), arguments.bag, strict=True):
         with BagReader(bag) as reader:
             identity = dict(reader.metadata.custom_data)
+        files = data_files(files_of(bag))
+        verdict = _verdict(arguments.record, files, bag) if arguments.record else ""
+        welds.append((identity.get("canister") or label, files, bag, identity, verdict))
+    # what is refused is refused before the monitor, which is slow
+    history.check_new(arguments.folder, [(name, files) for name, files, *_ in welds])
+    rows = []
+    for name, files, bag, identity, verdict in welds:
+        signals = read_weld(bag)
         with ProgressBar(f"monitor {name}") as bar:
             watched = watch(Monitor(process_of(signals)), signals, bar)
-        rows.append(history.row(identity.get("canister") or name, signals, watched, identity, verdict, files))
-    welds = history.add(arguments.folder, rows)
-    print(f"{arguments.folder}: {welds} welds; new: {', '.join(row['weld'] for row in rows)}")
+        rows.append(history.row(name, signals, watched, identity, verdict, files))
+    count = history.add(arguments.folder, rows)
+    print(f"{arguments.folder}: {count} welds; new: {', '.join(row['weld'] for row in rows)}")
     return 0
 
 

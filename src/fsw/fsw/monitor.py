@@ -10,7 +10,7 @@ from pathlib import Path
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option
 from fsw.console import print_table
-from fsw.outputs import check_new, write_json, write_whole
+from fsw.outputs import check_new, write_json
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 from fsw_quality.diagnosis import load_limits
@@ -40,7 +40,8 @@ def monitor(arguments: argparse.Namespace) -> int:
     _print(watched, process)
     if arguments.figure is not None:
         limits, title = load_limits()[process], f"{arguments.bag} ({process})"
-        write_whole(arguments.figure, lambda part: draw(watched, limits, title, part))
+        arguments.figure.parent.mkdir(parents=True, exist_ok=True)
+        draw(watched, limits, title, arguments.figure)
         print(f"written: {arguments.figure}")
     write_json(
         arguments.json,

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw.checked import checked
 from fsw.welds import Weld, needed, read_bag
 from fsw_identification import estimation, model_file, summary
 from fsw_identification.friction import from_air
@@ -48,10 +49,12 @@ class Model:
     (78.4, 407.576)
     """
 
+    @checked
     def __init__(self, parameters: ModelParameters) -> None:
         self.parameters = parameters
         self.process = ProcessModel(parameters)
 
+    @checked
     def equation(self, number: int) -> ca.Function:
         """An equation of the paper as a CasADi function; names of arguments and results hold the units.
 
@@ -126,11 +129,13 @@ class Model:
         y = ca.vertcat(shown[0], shown[1], shown[3])
         return ca.Function("discrete", [x, u], [after, y], ["x", "u"], ["x_next", "y"])
 
+    @checked
     def state(self, at: Equilibrium | None = None) -> Vector:
         """State of :attr:`discrete` at an equilibrium, that of the operating point by default."""
         state = (at or self.process.equilibrium()).state
         return np.concatenate([state.x, np.ravel(state.power)])
 
+    @checked
     def linearise(
         self,
         depth_mm: float | None = None,
@@ -225,6 +230,7 @@ def _function(name: str, given: Mapping[str, ca.SX], result: str, value: ca.SX) 
     return ca.Function(name, list(given.values()), [value], list(given), [result])
 
 
+@checked
 def model(source: str | Path | ModelParameters | None = None, **factors: float) -> Model:
     """The process model.
 
@@ -249,10 +255,7 @@ def model(source: str | Path | ModelParameters | None = None, **factors: float) 
     found = ModelParameters() if source is None else source
     if not isinstance(found, ModelParameters):
         found = ModelParameters.from_file(Path(found))
-    for name, factor in factors.items():
-        if not isinstance(factor, int | float):
-            raise InputError(f"model: the factor on {name} is a number, not {factor!r}")
-    return Model(found.scaled(**factors) if factors else found)
+    return Model(found.scaled(**{name: float(factor) for name, factor in factors.items()}) if factors else found)
 
 
 class Identified(Summary):
@@ -279,6 +282,7 @@ class Identified(Summary):
         return "\n".join([*lines, *summary.remarks(self)])
 
 
+@checked
 def identify(
     *welds: Weld | str | Path,
     validate: Weld | str | Path | None = None,
@@ -321,6 +325,10 @@ def identify(
     True
     """
     lag_s = specs()["actuators.lag_s"].default if drive_lag_s is None else drive_lag_s
+    if not welds:
+        raise InputError("identify: needs a weld at least; give one, or its bag")
+    if not 0.0 <= lag_s < np.inf:
+        raise InputError(f"identify: drive_lag_s is a number of seconds from 0, not {lag_s:g}")
     data = [prepare(_weld(one).signals, lag_s) for one in welds]
     checked = None if validate is None else prepare(_weld(validate).signals, lag_s)
     first = start or ModelParameters()
@@ -331,7 +339,7 @@ def identify(
     found = estimation.identify(segments, first, progress, steady)
     validation = None
     if checked is not None:
-        validation = estimation.validate(checked.segments, found.parameters, found.lag_s[0] if found.lag_s else 0.0)
+        validation = estimation.validate(checked.segments, found.parameters, found.known_lag_s)
     notes = tuple(note for weld in data for note in weld.notes)
     return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fsw.checked import checked
 from fsw.processes import Model
 from fsw.welds import Progress
 from fsw_campaign import definition
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from fsw_quality.record import Record
 
 
+@checked
 def tune(
     controller: str,
     model: Model | str | Path | None = None,
@@ -64,6 +66,8 @@ def tune(
     known = {f"decentral:{name}": name for name in NAMES}
     if controller not in known and controller != "nmpc":
         raise InputError(f"tune: {controller!r} cannot be tuned; there are {', '.join(known)}, nmpc")
+    if evaluations < 1:
+        raise InputError(f"tune: evaluations is at least 1, not {evaluations}")
     if isinstance(model, Model):
         parameters = model.parameters
     else:
@@ -73,6 +77,7 @@ def tune(
     return dict(search(known[controller], parameters, evaluations, progress))
 
 
+@checked
 def campaign(
     source: str | Path,
     folder: str | Path,
@@ -118,6 +123,8 @@ def campaign(
     """
     from fsw_campaign import dataset, engine  # of the extra
 
+    if workers is not None and workers < 1:
+        raise InputError(f"campaign: workers is at least 1, not {workers}")
     made = definition.load(source, welds)
     with dataset.Dataset(Path(folder), made, resume) as written:
         if len(written.done) < made.welds * len(made.entrants):
@@ -126,6 +133,7 @@ def campaign(
     return dataset.load(Path(folder))[1]
 
 
+@checked
 def record(
     bag: str | Path,
     procedure: str | Path,
@@ -180,6 +188,7 @@ def _choice(unit: str, model: str | Path | None, tuning: str | Path | None, valu
     return Choice(unit, model_file, tuning_file, dict(values or {}))
 
 
+@checked
 def export_c(
     controller: str,
     folder: str | Path,
@@ -224,6 +233,7 @@ def export_c(
     return write_folder(_choice(controller, model, tuning, parameters), Path(folder), replace, progress)
 
 
+@checked
 def export_fmu(
     unit: str,
     file: str | Path,

@@ -10,6 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from fsw.checked import checked
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
@@ -65,6 +68,7 @@ class Weld:
     ['reference_depth_mm', 'reference_temperature_c']
     """
 
+    @checked
     def __init__(self, label: str, signals: WeldSignals) -> None:
         self.label = label
         self.signals = signals
@@ -76,8 +80,8 @@ class Weld:
         """A signal by name; KeyError where there is none."""
         try:
             return self.table[name]
-        except KeyError:
-            near = get_close_matches(name, self.table, 1)
+        except (KeyError, TypeError):
+            near = get_close_matches(str(name), self.table, 1)
             hint = f"did you mean {near[0]}?" if near else "all names: list(weld.table)"
             raise KeyError(f"no signal {name}; {hint}") from None
 
@@ -123,10 +127,12 @@ class Weld:
                 found[name].attrs["units"] = unit
         return found
 
+    @checked
     def to_csv(self, path: str | Path) -> None:
         """Write all signals as a table; fsw_recorder.errors.BagError where that is not possible."""
         export_weld(self.signals, Path(path))
 
+    @checked
     def plot(self, number: int | None = None) -> Figure:
         """Draw an overview, or a figure as the paper's 4 to 9.
 
@@ -170,6 +176,7 @@ class Comparison(dict[str, Weld]):
         flat = [{key: value for key, value in one.items() if not isinstance(value, list)} for one in self.kpi]
         return pandas.DataFrame(flat).set_index("label")
 
+    @checked
     def plot(self, number: int | None = None) -> Figure:
         """Draw all into one overview, or one figure as the paper's 4 to 9."""
         return _figure(list(self.values()), number)
@@ -197,6 +204,7 @@ def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
     return page([Run(weld.label, weld.signals) for weld in welds], number)
 
 
+@checked
 def simulate(
     scenario: str | Path,
     controller: str | Controller | None = None,
@@ -252,13 +260,19 @@ def simulate(
 
 def overrides_of(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
     """Other values of a scenario, see :func:`simulate`, as :func:`fsw_scenario.scenario_file.load` takes them."""
-    for name, given in (("plant", plant), ("changes", changes)):
-        if not isinstance(given, Mapping | None):
-            raise InputError(f"simulate: {name} is a mapping of names to values, not {given!r}")
     values = {**(changes or {}), **{f"plant.{name}": value for name, value in (plant or {}).items()}}
     if noise is not None:
         values["plant.noise"] = noise
-    return [f"{name}={json.dumps(value)}" for name, value in values.items()]
+    return [f"{name}={_as_text(str(name), value)}" for name, value in values.items()]
+
+
+def _as_text(name: str, value: Any) -> str:
+    def plain(other: Any) -> Any:
+        if isinstance(other, np.generic | np.ndarray):
+            return other.tolist()
+        raise InputError(f"{name} is a number, text, list or mapping, not {other!r}")
+
+    return json.dumps(value, default=plain)
 
 
 def closed_loop(
@@ -289,6 +303,7 @@ def closed_loop(
     return "open loop" if scenario.open_loop else short(label), ClosedLoop(scenario, controllers)
 
 
+@checked
 def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any) -> Comparison:
     """Weld a scenario with each of several controllers; ``options`` are those of :func:`simulate`.
 
@@ -299,12 +314,13 @@ def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tupl
     |                       ...| unit ...| decentral | decentral:tight | difference |
     ...
     """
-    if isinstance(controllers, str) or not controllers:
+    if not controllers:
         raise InputError(f"compare: controllers is a list of at least one, not {controllers!r}")
     welds = [simulate(scenario, controller, **options) for controller in controllers]
     return Comparison({weld.label: weld for weld in welds})
 
 
+@checked
 def read_bag(bag: str | Path, label: str | None = None, progress: Progress | None = None) -> Weld:
     """A recorded weld, cut to the length of its scenario. Problems of the bag are in ``signals.problems``.
 

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import signal
 import subprocess
 import sys
 
@@ -278,3 +279,47 @@ sys.modules.update(dict.fromkeys(extras.split()))
 assert "verify-evidence" in parser("fsw.py", "bag").format_help() + parser().parse_args(["bag", "verify-evidence"]).verb
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
+    program = """if True:
+        import signal, sys
+        from pathlib import Path
+        from fsw.errors import exit_code
+        from fsw_schema.files import replacing
+
+        def write():
+            with replacing(Path(sys.argv[1])) as scratch:
+                scratch.write_text("half")
+                print("half", flush=True)
+                while True:
+                    signal.pause()
+
+        sys.exit(exit_code(write))
+    """
+    file = tmp_path / "weld.png"
+    file.write_text("old")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", program, str(file)], **pipes, start_new_session=True) as process:
+        assert process.stdout.readline() == "half\n"
+        process.send_signal(sign)
+        _, said = process.communicate(timeout=600)
+    assert (process.returncode, said) == (130, "interrupted\n")
+    assert (file.read_text(), list(tmp_path.iterdir())) == ("old", [file])
+
+
+def test_sigterm_is_as_it_was_after_a_command_and_for_a_node(monkeypatch):
+    """A node has handlers of its own, which call those that were there before."""
+    before, within = signal.getsignal(signal.SIGTERM), []
+
+    def end():
+        within.append(signal.getsignal(signal.SIGTERM))
+        return 0
+
+    assert exit_code(end) == 0
+    monkeypatch.setattr("fsw_plant.plant_node.main", end)
+    monkeypatch.setattr(sys, "argv", ["fsw.py"])
+    assert main(["node", "plant"]) == 0
+    assert within == [signal.default_int_handler, signal.SIG_DFL]
+    assert signal.getsignal(signal.SIGTERM) is before

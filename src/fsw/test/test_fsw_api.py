@@ -2,6 +2,7 @@
 
 import csv
 import doctest
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -14,6 +15,7 @@ import pytest
 
 import fsw
 from fsw.main import main
+from fsw.welds import overrides_of
 from fsw_schema.models import InputError
 
 EXAMPLES = [
@@ -84,6 +86,11 @@ def test_plant_parameters_and_changes_arrive():
         ("quick", {"controller": 3}, "controller is a name"),
         ("quick", {"plant": 3}, "plant is a mapping"),
         ("quick", {"changes": "duration_s=3"}, "changes is a mapping"),
+        ({"a": 1}, {}, "^simulate: scenario is text or a path, not {'a': 1}$"),
+        (None, {}, "scenario is text or a path, not None"),
+        ("quick", {"noise": "no"}, "noise is True or False, not 'no'"),
+        ("quick", {"progress": 3}, "progress is a function"),
+        ("quick", {"plant": {"seed": b"3"}}, "plant.seed is a number, text, list or mapping, not b'3'"),
     ],
 )
 def test_wrong_arguments_are_named(scenario, options, words):
@@ -91,16 +98,53 @@ def test_wrong_arguments_are_named(scenario, options, words):
         fsw.simulate(scenario, **options)
 
 
-@pytest.mark.parametrize("controllers", ["decentral", []])
+@pytest.mark.parametrize("controllers", ["decentral", [], 3])
 def test_a_comparison_takes_a_list(controllers):
-    with pytest.raises(InputError, match="a list of at least one"):
+    with pytest.raises(InputError, match="compare: controllers is a list"):
         fsw.compare("quick", controllers)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: fsw.read_bag(None), "read_bag: bag is text or a path, not None"),
+        (lambda: fsw.identify(), "identify: needs a weld"),
+        (lambda: fsw.identify("bag", {}), "identify: welds is Weld or text or a path, not {}"),
+        (lambda: fsw.identify("bag", start="file"), "identify: start is ModelParameters, not 'file'"),
+        (lambda: fsw.identify("bag", drive_lag_s=float("nan")), "drive_lag_s is a number of seconds from 0, not nan"),
+        (lambda: fsw.model([]), "model: source is text or a path or ModelParameters, not []"),
+        (lambda: fsw.Model(3), "Model: parameters is ModelParameters, not 3"),
+        (lambda: fsw.model().equation([]), "equation: number is a whole number, not []"),
+        (lambda: fsw.model().linearise("deep"), "linearise: depth_mm is a number, not 'deep'"),
+        (lambda: fsw.model().linearise(True), "linearise: depth_mm is a number, not True"),
+        (lambda: fsw.tune(["nmpc"]), "tune: controller is text, not ['nmpc']"),
+        (lambda: fsw.tune("decentral:tight", evaluations=0), "evaluations is at least 1, not 0"),
+        (lambda: fsw.campaign("model_uncertainty", "folder", workers=0), "workers is at least 1, not 0"),
+        (lambda: fsw.record(3, "copper_lid"), "record: bag is text or a path, not 3"),
+        (lambda: fsw.export_c("decentral", {}), "export_c: folder is text or a path, not {}"),
+        (lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"), "platforms is a list, not 'win64'"),
+    ],
+)
+def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):
+    with pytest.raises(InputError, match=re.escape(words)) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert overrides_of({"seed": np.int64(3)}, None, None) == overrides_of({"seed": 3}, None, None)
+    assert fsw.model(dead_time_s=np.float32(1.5)).parameters == fsw.model(dead_time_s=1.5).parameters
+
+
+def test_what_python_itself_refuses_has_the_name_of_the_function():
+    with pytest.raises(TypeError, match="read_bag"):
+        fsw.read_bag()
 
 
 def test_a_figure_that_is_not_there_and_a_factor_that_is_no_number_are_named():
     with pytest.raises(InputError, match="no figure 99; there are 4, 5, 6, 7, 8, 9"):
         fsw.simulate("quick").plot(99)
-    with pytest.raises(InputError, match="the factor on dead_time_s is a number, not 'x'"):
+    with pytest.raises(InputError, match="model: dead_time_s is a number, not 'x'"):
         fsw.model(dead_time_s="x")
 
 
@@ -110,6 +154,8 @@ def test_a_signal_that_is_not_there_and_an_extra_that_is_missing_are_named(monke
         weld["dept_mm"]
     with pytest.raises(KeyError, match=r"no signal x; all names: list\(weld.table\)"):
         weld["x"]
+    with pytest.raises(KeyError, match="no signal 3"):
+        weld[3]
     for module in ("pandas", "xarray", "control", "do_mpc.model"):
         monkeypatch.setitem(sys.modules, module, None)
     for convert in (weld.to_pandas, weld.to_xarray, fsw.model().linearise, fsw.model().to_do_mpc):

@@ -16,7 +16,7 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.signals import load_weld
-from fsw_quality import procedure
+from fsw_quality import procedure, report
 from fsw_quality.attestation import manifest_for
 from fsw_quality.record import Record, make
 from fsw_quality.verdict import decide
@@ -228,3 +228,10 @@ def test_a_record_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.Capture
     assert "REJECT" in capsys.readouterr().out
     operators = json.loads((tmp_path / "out" / "record.json").read_text(encoding="utf-8"))["operators"]
     assert operators == ["anna (3f2a)"]
+
+
+@pytest.mark.parametrize(("lines", "pages"), [(84, 1), (90, 2)])
+def test_a_heading_stands_on_the_page_of_what_follows(lines, pages):
+    """With 90 lines it would be the last on its page."""
+    body = "<h1>ACCEPT</h1>" + "line<br>" * lines + "<h2>Exceedances</h2><p>none</p>"
+    assert report._pdf(body, "weld").count(b"/Type /Page\n") == pages

@@ -27,16 +27,19 @@ def test_monitor_tells_of_a_bag_and_writes_figure_and_json(tmp_path, capsys):
     assert main(["monitor", str(BAG), "--figure", str(figure)]) == 1
 
 
-def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys):
+def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypatch):
     pytest.importorskip("pyarrow")
     folder = tmp_path / "history"
     assert main(["history", "add", str(folder), str(BAG)]) == 0
+    monkeypatch.setattr("fsw.history.watch", None)  # what is refused is not watched first
     assert main(["history", "add", str(folder), str(BAG)]) == 1
     assert "twice" in capsys.readouterr().err
     copied = shutil.copytree(BAG, tmp_path / "copy")
     assert main(["history", "add", str(folder), str(copied)]) == 1
     err = capsys.readouterr().err
     assert "two records of one weld: copy has the files of reference_tracking" in err and len(err.splitlines()) == 1
+    assert main(["history", "add", str(tmp_path / "other"), str(BAG), str(copied)]) == 1
+    assert "copy has the files of reference_tracking" in capsys.readouterr().err
     record = tmp_path / "record.json"
     record.write_text('{"verdict": "accept", "files": [{"name": "bag_0.mcap", "sha256": "0"}]}', encoding="utf-8")
     assert main(["history", "add", str(tmp_path / "other"), str(BAG), "--record", str(record)]) == 1

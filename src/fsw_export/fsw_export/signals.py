@@ -73,7 +73,7 @@ NMPC_OUTPUTS = (
     Signal("reason", "int", "", _listed(nmpc.Reason)),
     Signal("blind", "int", "", f"sensors missing for too long: {_listed(nmpc.Missing, ' + ')}"),
     Signal("solve_status", "int", "", _listed(nmpc.SolveStatus)),
-    Signal("doubt", "int", "", f"why the adaptation is cautious: {_listed(nmpc.Doubt)}"),
+    Signal("doubt", "int", "", f"why the adaptation is cautious: {_listed(nmpc.Doubt, ' + ')}"),
     Signal("iterations", "int", "", "iterations of the solver"),
     Signal("estimated_depth_mm", "real", "mm", "predicted reading of the depth sensor", "depth_mm"),
     Signal("estimated_temperature_c", "real", "degC", "predicted reading of the thermocouple", "temperature_c"),

@@ -97,9 +97,14 @@ class Fit:
         return {name: float(getattr(self.parameters, name) * r) for name, r in zip(self.free, relative, strict=True)}
 
     @property
+    def known_lag_s(self) -> float:
+        """Lag of the thermocouple; 0 where the data do not tell of any."""
+        return 0.0 if self.lag_s is None else self.lag_s[0]
+
+    @property
     def shown(self) -> ModelParameters:
         """The parameters as a controller sees the process: what the thermocouple shows, with its lag."""
-        return self.parameters if self.lag_s is None else as_shown(self.parameters, self.lag_s[0])
+        return self.parameters if self.lag_s is None else as_shown(self.parameters, self.known_lag_s)
 
     @property
     def correlation(self) -> FloatArray:

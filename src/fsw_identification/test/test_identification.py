@@ -195,6 +195,7 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
         of += std * np.random.default_rng(3).standard_normal(signals.n_ticks)
     fit = estimation.identify([only(signals)])
     assert fit.lag_s is not None and fit.lag_s[0] == pytest.approx(2.0, abs=max(0.1, 4.0 * fit.lag_s[1]))
+    assert fit.known_lag_s == fit.lag_s[0]
     assert max(map(abs, scores(fit).values())) < 4.0
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
     text = model_file.text(fit, "weld")

@@ -216,8 +216,8 @@ class NmpcController:
         return f"solver: {status}; following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
 
     def _doubt(self) -> str:
-        doubt = _DOUBTS.get(self.library.output.doubt, "")
-        return doubt and f"adapting with caution: {doubt}"
+        doubts = "; ".join(text for bit, text in _DOUBTS.items() if self.library.output.doubt & bit)
+        return doubts and f"adapting with caution: {doubts}"
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.

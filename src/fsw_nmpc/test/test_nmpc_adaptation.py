@@ -73,6 +73,16 @@ def test_steps_of_the_temperature_tell_gain_and_delay(factors, gain, delay_s):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.7, 1.4])
+def test_of_a_gain_that_fits_the_root_is_used(gain):
+    loop = Welding(thermal_gain_c_per_kw=gain)
+    for reference in (TARGET, HOTTER, TARGET):
+        found, _ = loop.run(30, reference)
+    assert found == pytest.approx(gain, rel=0.12)
+    assert loop.used[-1][0] == pytest.approx(found**0.5, abs=0.05)
+
+
+@pytest.mark.slow
 def test_knowing_them_makes_the_next_step_better():
     def error(preset):
         loop = Welding(preset, noise=False, thermal_gain_c_per_kw=1.3, copper_lag_s=0.8, dead_time_s=3.6 / 2.8)
@@ -220,8 +230,11 @@ def test_a_jump_of_the_thermocouple_is_no_heat_even_where_it_comes_by_and_by(lag
     assert not loop.widened.any()
 
 
-def cooled(kw):
-    """A loop with a late response, as it has found; then heat is lost, by and by in half a minute. And that heat."""
+def cooled(kw, refuted=False):
+    """A loop with a late response, as it has found; then heat is lost, by and by in half a minute. And that heat.
+
+    ``refuted``: as if no gain and delay explained the temperature meanwhile.
+    """
     loop = SlowProbe(0.0, dead_time_s=1.0 + 2.0 / P.dead_time_s)
     for reference in (HOTTER, TARGET):
         loop.run(20, reference)
@@ -231,6 +244,7 @@ def cooled(kw):
         x = list(loop.state.x)
         x[COPPER] -= 0.1 * kw * min(tick / 300, 1.0) * P.thermal_gain_c_per_kw / P.copper_lag_s
         loop.state.x = tuple(x)
+        loop.controller.library.state.adaptation.is_refuted |= refuted
         loop.run(0.1)
     return loop, loop.controller.library.state.estimator.x[State.HEAT] - before_kw
 
@@ -251,7 +265,58 @@ def test_what_a_late_response_explains_is_no_heat_and_the_reason_is_told():
     assert not loop.widened[doubts[1:] == Doubt.LATE].any()
     assert {bool(doubt) for doubt in doubts[reasons != ""]} == {True}
     assert not any(doubts[reasons == ""])
-    assert loop.doubts[-1] == Doubt.NOTHING
+    assert loop.doubts[-1] == 0
+
+
+@pytest.mark.slow
+def test_no_doubt_hides_another():
+    loop, _ = cooled(4.0, refuted=True)
+    doubts, reasons = np.array(loop.doubts), np.array(loop.reasons)
+    assert Doubt.MISFIT in doubts
+    for reason in reasons[doubts == Doubt.LATE | Doubt.MISFIT]:
+        assert "late response" in reason and "no gain and delay" in reason
+    assert Doubt.LATE | Doubt.MISFIT in doubts
+
+
+def beaten(**factors):
+    """A loop whose steps have told that the response is not late; and its estimators."""
+    loop = SlowProbe(0.0, **factors)
+    for reference in (HOTTER, TARGET):
+        loop.run(20, reference)
+    assert loop.controller.library.state.adaptation.is_beaten
+    return loop, loop.controller.library.state
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [1.0, 1.6])
+def test_heat_brings_back_no_late_response_that_was_beaten(gain):
+    """As on the way down a canister: when a rival began anew with every move of the power, it took over, and half of
+    the heat was found after 15 to 17 s, as what was left passed for a response that is later still."""
+    loop, state = beaten(thermal_gain_c_per_kw=gain)
+    kw, before_kw, found_kw = 6.0, state.estimator.x[State.HEAT], []
+    for tick in range(300):
+        x = list(loop.state.x)
+        lost_kw = kw * min(tick / 200, 1.0)
+        x[COPPER] -= 0.1 * lost_kw * gain * P.thermal_gain_c_per_kw / P.copper_lag_s
+        loop.state.x = tuple(x)
+        loop.run(0.1)
+        found_kw.append(before_kw - state.estimator.x[State.HEAT])
+    assert not any(loop.is_late)
+    assert np.argmax(np.array(found_kw) > kw / 2) == pytest.approx(135, abs=10)
+
+
+@pytest.mark.slow
+def test_a_range_that_was_beaten_is_so_at_rest_and_comes_back_where_the_response_is_late():
+    """Here the thermocouple shows what was 2 s before, from some time on."""
+    loop, state = beaten()
+    loop.run(30)
+    assert not state.adaptation.rival.started and state.adaptation.is_beaten
+    shown_c = [TARGET.temperature_c] * 20
+    for tick in range(1200):
+        shown_c.append(loop.measure().temperature_c + float(loop.rng.normal(0.0, NOISE[2])))
+        loop.run(0.1, TARGET if tick // 200 % 2 else HOTTER, temperature_c=shown_c.pop(0))
+    assert np.mean(loop.is_late[-400:]) > 0.9
+    assert loop.found[-1][1] == pytest.approx(2.0, abs=0.5)
 
 
 def test_what_is_not_certain_is_not_used():
@@ -345,11 +410,19 @@ def test_whatever_the_temperature_does_the_estimates_keep_their_bounds(off_c, se
 
 
 @pytest.mark.slow
-def test_a_weak_gain_takes_no_more_of_the_temperature_in_a_step_of_the_depth(not_adapting):
+@pytest.mark.parametrize(
+    "factors",
+    [
+        {"thermal_gain_c_per_kw": 0.75, "sliding_friction": 0.95},
+        {"dead_time_s": 4.2 / 2.8, "tool_lag_s": 1.5, "sliding_friction": 0.95},
+    ],
+    ids=["weaker", "later"],
+)
+def test_a_weak_or_late_response_takes_no_more_of_the_temperature_in_a_step_of_the_depth(factors, not_adapting):
     """A deviation costs as much by the power that it lacks; else the peak would be a third higher."""
 
     def peak(tuning_file):
-        loop = Welding(noise=False, thermal_gain_c_per_kw=0.75, sliding_friction=0.95)
+        loop = Welding(noise=False, **factors)
         loop.controller.configure({"tuning_file": tuning_file})
         loop.run(25, HOTTER)
         loop.run(40, HOTTER)

@@ -29,8 +29,7 @@ def yielding(problem, tuning, horizon, at, outputs):
             np.array(list(problem.high[q][0 : horizon.n_out])),
         )
         used = (horizon.depth_width, horizon.temperature_width)[q] > 0
-        knee = tuning.knee[q] * (min(problem.start.thermal_gain, 1.0) if q else 1.0)
-        if knee > 0.0:
+        if (knee := tuning.knee[q]) > 0.0:
             beyond = np.maximum(np.abs(output - low) - knee, 0.0)
             bent = used & (np.abs(at[q] - low) > NEAR_KNEE * knee)
             total -= float((0.5 * squares(problem, tuning)[q] * beyond**2)[bent].sum())
@@ -105,11 +104,11 @@ def test_the_priority_acts_on_the_way():
 
 @pytest.mark.slow
 def test_where_the_speed_suffices_nothing_gives_way():
-    """On the nominal process it is the default's approach, but for the least force that it no longer keeps."""
+    """On the nominal process the depth is a little faster, and the temperature off by a little more."""
     depth, temperature, _, peak_c = errors(parameters=P)
     waits, stays, _, peak = errors(parameters=P, preset="default")
-    assert 0.9 * waits < depth <= waits
-    assert peak_c < peak + 2.0 and temperature < stays + 8.0
+    assert 0.8 * waits < depth < 0.95 * waits
+    assert peak_c < peak + 3.0 and temperature < stays + 12.0
 
 
 @pytest.mark.slow

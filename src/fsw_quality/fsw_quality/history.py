@@ -114,23 +114,29 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
             files = _files(folder)
             there = load(folder) if files else SCHEMA.empty_table()
             fresh = pa.Table.from_pylist(list(rows), SCHEMA)
-            names = there["weld"].to_pylist() + fresh["weld"].to_pylist()
-            _check_once(folder, names, there[FILES].to_pylist() + fresh[FILES].to_pylist())
+            _check_once(folder, pa.concat_tables([there, fresh]))
             joined = len(files) >= _MOST_FILES
             number = int(files[-1].stem) + 1 if files else 0
             with replacing(folder / f"{number:06d}.parquet") as scratch:
                 pq.write_table(pa.concat_tables([there, fresh]) if joined else fresh, scratch, compression="zstd")
             for old in files if joined else ():
                 old.unlink()
-            return len(names)
+            return int(there.num_rows + fresh.num_rows)
     except OSError as error:
         raise InputError(f"cannot write to {folder}: {error.strerror}") from None
 
 
-def _check_once(folder: Path, names: Sequence[str], files: Sequence[str | None]) -> None:
+def check_new(folder: Path, welds: Sequence[tuple[str, Sequence[str]]]) -> None:
+    """Refuse welds, by name and with the hashes of their files, before they are watched; raises as :func:`add`."""
+    fresh = [{"weld": name, FILES: ",".join(files)} for name, files in welds]
+    there = [load(folder)] if _files(folder) else []
+    _check_once(folder, pa.concat_tables([*there, pa.Table.from_pylist(fresh, SCHEMA)]))
+
+
+def _check_once(folder: Path, table: pa.Table) -> None:
     """An `InputError` when a name, or a file with messages, is there twice."""
-    seen: dict[str, str] = {}
-    for name, hashes in zip(names, files, strict=True):
+    names, seen = table["weld"].to_pylist(), dict[str, str]()
+    for name, hashes in zip(names, table[FILES].to_pylist(), strict=True):
         for one in filter(None, (hashes or "").split(",")):
             if (other := seen.setdefault(one, name)) != name:
                 raise InputError(

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
-from fsw_analysis.figure_style import STYLE
+from fsw_analysis.figure_style import sheet
 from fsw_quality.diagnosis import RESIDUALS, Limits
 from fsw_quality.monitor_run import Watched
 
@@ -22,8 +20,7 @@ def draw(watched: Watched, limits: Limits, title: str, file: Path) -> None:
     kinds = list(dict.fromkeys(one.finding.kind for one in watched.alarms))
     heights = [1.0, 1.0, 1.0, 1.3, max(0.3 * len(kinds), 0.5)]
     minutes = np.array(watched.time_s) / 60.0
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 7.5 + 0.25 * len(kinds)), layout="constrained")
+    with sheet(9.0, 7.5 + 0.25 * len(kinds), file) as figure:
         figure.suptitle(title)
         axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
         for axis, (name, key) in zip(axes, RESIDUALS.items(), strict=False):
@@ -54,4 +51,3 @@ def draw(watched: Watched, limits: Limits, title: str, file: Path) -> None:
         )
         axes[4].set_xlabel("time [min]")
         figure.align_ylabels()
-        figure.savefig(file, dpi=110)

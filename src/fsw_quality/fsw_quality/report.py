@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from fsw_schema.files import write_whole
 
 #: exceedances and events in the page; the JSON has all
 MOST_ROWS = 60
+#: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
+_BEGIN_MM = 25.0
 JSON, PAGE, PDF = "record.json", "record.html", "record.pdf"
 
 
@@ -67,12 +70,15 @@ def _pdf(body: str, title: str) -> bytes:
         f"h{level}": TextStyle(color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3)
         for level, size in ((1, 20), (2, 11))
     }
-    pages.write_html(
-        body,
-        font_family="DejaVu",
-        table_line_separators=True,
-        li_prefix_color="#000000",
-        ul_bullet_char="–",
-        tag_styles=heads,
-    )
+    for section in re.split("(?=<h2>)", body):
+        if pages.will_page_break(_BEGIN_MM):
+            pages.add_page()
+        pages.write_html(
+            section,
+            font_family="DejaVu",
+            table_line_separators=True,
+            li_prefix_color="#000000",
+            ul_bullet_char="–",
+            tag_styles=heads,
+        )
     return bytes(pages.output())

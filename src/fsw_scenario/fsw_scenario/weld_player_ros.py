@@ -30,7 +30,7 @@ from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.timeline import switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
-from fsw_scenario.weld_programme_ros import TICKS_PER_REPORT, ProgrammeServer, SafeStop
+from fsw_scenario.weld_programme_ros import TICKS_PER_REPORT, NoProgramme, ProgrammeServer, SafeStop
 
 #: a controller that a goal names must be found within this time
 _CONTROLLER_S = 5.0
@@ -95,6 +95,7 @@ class WeldPlayer:
         self._stop = SafeStop(node)
         self._watch = node.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._programme: ProgrammeServer | None = None
+        self._refusing: NoProgramme | None = None
         self._subscriptions: list[Subscription] = []
         self._begun = self._listening = False
 
@@ -107,7 +108,7 @@ class WeldPlayer:
         for publisher in (self._requests, self._ready):
             if publisher is not None:
                 node.destroy_publisher(publisher)
-        for part in (self.set_points, self._stop, self._emulator, self._programme):
+        for part in (self.set_points, self._stop, self._emulator, self._programme, self._refusing):
             if part is not None:
                 part.destroy()
 
@@ -162,6 +163,8 @@ class WeldPlayer:
         if self.scenario.phases:
             machine, ours = PhaseMachine(self.scenario.phases), self.set_points
             self._programme = ProgrammeServer(self._node, machine, ours.course, ours.in_force, ours.restart, self._tell)
+        else:
+            self._refusing = NoProgramme(self._node, self.scenario.name)
         if self._programme is not None or not self._options.from_start:
             self._stop.watch(self.abort)
 

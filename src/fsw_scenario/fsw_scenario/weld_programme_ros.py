@@ -71,6 +71,34 @@ class SafeStop:
             self._node.destroy_subscription(self._states)
 
 
+def _serve(node: Node, name: str, ask: Callable[[], tuple[bool, str]]) -> Service:
+    """The service of that name, which ``ask`` answers: whether, and in words."""
+
+    def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = ask()
+        if response.success:
+            node.get_logger().info(f"{name}: {response.message}")
+        else:
+            node.get_logger().warning(f"{name}: {response.message}")
+        return response
+
+    return node.create_service(Trigger, f"fsw/weld/{name}", on_request)
+
+
+class NoProgramme:
+    """Refuses ``fsw/weld/hold|resume`` while a scenario without phases is played."""
+
+    def __init__(self, node: Node, scenario: str) -> None:
+        self._node = node
+        answer = (False, f"{scenario} has no phases, so it cannot be held; to end it, abort it")
+        self._services = [_serve(node, name, lambda: answer) for name in ("hold", "resume")]
+
+    def destroy(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._node.destroy_service(service)
+
+
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
 
@@ -93,7 +121,7 @@ class ProgrammeServer:
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
-        self._services = [self._serve("hold", self._hold), self._serve("resume", self._resume)]
+        self._services = [_serve(node, name, ask) for name, ask in (("hold", self._hold), ("resume", self._resume))]
 
     def destroy(self) -> None:
         """Leave the graph."""
@@ -101,27 +129,12 @@ class ProgrammeServer:
         for service in self._services:
             self._node.destroy_service(service)
 
-    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]]) -> Service:
-        def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            response.success, response.message = ask()
-            if response.success:
-                self._node.get_logger().info(f"{name}: {response.message}")
-                self.publish(self._stamp_ns)
-            else:
-                self._node.get_logger().warning(f"{name}: {response.message}")
-            return response
-
-        return self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)
-
     def _hold(self) -> tuple[bool, str]:
         return self._keep(*self.machine.hold())
 
     def abort(self) -> tuple[bool, str]:
         """Abort the weld; returns whether, and the answer in words. The caller asks for the safe stop."""
-        ok, answer = self._keep(*self.machine.abort())
-        if ok:
-            self.publish(self._stamp_ns)
-        return ok, answer
+        return self._keep(*self.machine.abort())
 
     def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
         """Keep the set-points in force: sending them voids those sent ahead."""
@@ -129,6 +142,7 @@ class ProgrammeServer:
             present = self._in_force()
             self._course.leave()
             self._restart(present)
+            self.publish(self._stamp_ns)
         return ok, answer
 
     def _resume(self) -> tuple[bool, str]:
@@ -140,6 +154,7 @@ class ProgrammeServer:
         present = self._in_force()
         way = self._course.resume(present, self.machine.tick)
         self._restart(present)
+        self.publish(self._stamp_ns)
         return ok, f"{answer}; {way}"
 
     def on_tick(self, stamp_ns: int) -> None:

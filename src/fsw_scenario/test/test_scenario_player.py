@@ -72,6 +72,18 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
     assert graph.progress[-1].state == "running"
 
 
+@pytest.mark.parametrize("verb", ["hold", "resume"])
+def test_a_scenario_without_phases_refuses_to_be_held(verb):
+    """It says so, in place of a service that is not there, which 'ros2 service call' awaits for ever."""
+    graph = PlayerGraph("quick")
+    try:
+        graph.tick()
+        refused = graph.ask(verb)
+    finally:
+        graph.end()
+    assert (refused.success, refused.message[:20]) == (False, "quick has no phases,")
+
+
 @pytest.mark.parametrize("first", ["", "hold"])
 def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first, capsys):
     graph.tick()

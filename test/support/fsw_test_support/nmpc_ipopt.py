@@ -32,9 +32,8 @@ def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, V
 
 
 def squares(problem: Any, tuning: Any) -> tuple[float, float]:
-    """Quadratic costs of depth and temperature: copper that heats less costs as much by the power that it lacks."""
-    less = min(problem.start.thermal_gain, 1.0)
-    return tuning.square[0], tuning.square[1] / (less * less)
+    """Quadratic costs of depth and temperature."""
+    return tuning.square[0], tuning.square[1] * problem.temp_cost
 
 
 def objective(

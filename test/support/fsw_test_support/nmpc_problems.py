@@ -150,7 +150,7 @@ def random_problem(
     tuning = tuning or random_tuning(rng)
     library.configure(tuning.struct(LIMITS, library.state.tuning.max_iterations))
     start = random_start(rng, h, p)
-    problem = KERNEL.new("fsw_problem", start=start[0])
+    problem = KERNEL.new("fsw_problem", start=start[0], temp_cost=rng.uniform(1.0, 4.0))
     temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
     softening = 1.0 + p.softening_per_c * start.x[3]
     depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening + start.depth_offset_mm

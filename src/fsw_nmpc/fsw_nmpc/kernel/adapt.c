@@ -5,7 +5,8 @@
  * estimator, with the same estimates but the other range of the delay, and the one that makes the temperatures more likely
  * goes on. If neither fits, the gain is not taken for less than the model's.
  *
- * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. */
+ * Of an estimate only what is certain is used: the value nearest to the model's that lies within some standard deviations. Of
+ * the gain, the root: a faster or slower probe, or a softer copper, passes for a gain, too, and the loop bears what is left. */
 #include <math.h>
 
 #include "internal.h"
@@ -18,6 +19,7 @@
 #define GAIN_STEP 0.01         /* per tick, of what is used, so that nothing jumps */
 #define DELAY_STEP_S 0.05      /* likewise */
 #define MISFIT_KEEP 0.98       /* about five seconds */
+#define POWER_MEMORY_S 20.0    /* see heat_in_use */
 #define LARGEST_MISFIT 4.0     /* mean square of the innovations in their deviations, 1 where they are as expected */
 
 enum { TEMPERATURE = 2 };
@@ -26,7 +28,7 @@ static int is_adapting(const fsw_nmpc_tuning *t) { return t->walk[FSW_THERMAL_GA
 
 void fsw_adaptation_start(fsw_nmpc *c) {
   fsw_adaptation *a = &c->adaptation;
-  a->rival.started = a->is_refuted = 0;
+  a->rival.started = a->is_beaten = a->is_refuted = 0;
   a->evidence = a->delay_s = a->heat_kw = 0.0;
   a->gain = a->misfit = 1.0;
 }
@@ -55,7 +57,7 @@ static void challenge(fsw_nmpc *c) {
   rival->x[FSW_DELAY] = rival->is_late ? 2.0 * half_s : 0.0;
   for (int i = 0; i < N; i++) rival->p[FSW_DELAY][i] = rival->p[i][FSW_DELAY] = 0.0;
   rival->p[FSW_DELAY][FSW_DELAY] = RIVAL_SHARE * RIVAL_SHARE * half_s * half_s;
-  c->adaptation.evidence = 0.0;
+  c->adaptation.evidence = c->adaptation.is_beaten ? LEAST_EVIDENCE : 0.0;
 }
 
 /* Byte by byte: an estimator is too large for the stack. */
@@ -68,18 +70,41 @@ static void exchange(fsw_estimator *one, fsw_estimator *other) {
   }
 }
 
+/* Ticks by which a response may be later than estimated: no later than its range once the later one is beaten. */
+static int later_ticks(const fsw_nmpc *c) {
+  if (c->estimator.is_late || !c->adaptation.is_beaten) return FSW_SLOWER;
+  return (int)((fsw_delay_span_s(&c->model) - c->estimator.x[FSW_DELAY]) / FSW_TICK_S + 0.5);
+}
+
+/* What the last temperature tells of the rival. One that was beaten before comes back on better evidence only: of a later
+ * response by innovations that one explains, as others are heat; and counted by how well the estimator fits, as innovations
+ * that keep their sign are not independent. */
+static double evidence_of(const fsw_nmpc *c) {
+  const fsw_adaptation *a = &c->adaptation;
+  const double more = more_likely(&a->rival, &c->estimator, &c->tuning);
+  if (!a->is_beaten) return more;
+  if (!c->estimator.is_late && c->estimator.is_unexplained) return 0.0;
+  return more / (a->misfit > 1.0 ? a->misfit : 1.0);
+}
+
 static void compete(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_adaptation *a = &c->adaptation;
   fsw_estimator *e = &c->estimator;
+  e->later_ticks = later_ticks(c);
+  a->rival.later_ticks = FSW_SLOWER;
   if (!e->heated_ticks || !(c->tuning.walk[FSW_DELAY] > 0.0)) a->rival.started = 0;
   else if (!a->rival.started) {
     if (e->is_telling) challenge(c);
   } else if (fsw_estimator_step(&a->rival, &c->model, &c->tuning, in)) {
-    a->evidence += more_likely(&a->rival, e, &c->tuning);
-    if (a->evidence < LEAST_EVIDENCE) a->evidence = LEAST_EVIDENCE;
+    a->evidence += evidence_of(c);
+    if (a->evidence < LEAST_EVIDENCE) {
+      a->evidence = LEAST_EVIDENCE;
+      a->is_beaten = 1;
+    }
     if (a->evidence > ENOUGH_EVIDENCE) {
       exchange(e, &a->rival);
       a->evidence = 0.0;
+      a->is_beaten = 0;
     }
   }
 }
@@ -97,9 +122,8 @@ static void judge_fit(fsw_nmpc *c) {
   if (a->misfit > LARGEST_MISFIT) a->is_refuted = 1;
 }
 
-fsw_doubt fsw_doubt_of(const fsw_nmpc *c) {
-  if (c->adaptation.is_refuted) return FSW_DOUBT_MISFIT;
-  return c->estimator.is_doubtful ? FSW_DOUBT_LATE : FSW_DOUBT_NOTHING;
+int fsw_doubts_of(const fsw_nmpc *c) {
+  return (c->estimator.is_doubtful ? FSW_DOUBT_LATE : 0) | (c->adaptation.is_refuted ? FSW_DOUBT_MISFIT : 0);
 }
 
 /* The value nearest to the model's that is within CERTAIN standard deviations of the estimate. */
@@ -108,12 +132,20 @@ static double certain(const fsw_estimator *e, int state, double of_model) {
   return fsw_clip(of_model, x - deviation, x + deviation);
 }
 
-/* The heat of a prediction with another gain than the estimator's: the power of the last half minute heats alike with both,
+/* The square root of what is certain of the gain. Where the response is late or fits no gain and delay, the larger gain is the
+ * cautious one: all of it if it is above the model's. */
+static double gain_in_use(const fsw_nmpc *c) {
+  const double gain = certain(&c->estimator, FSW_THERMAL_GAIN, 1.0);
+  if (gain > 1.0) return c->estimator.is_late || c->adaptation.is_refuted ? gain : sqrt(gain);
+  return c->adaptation.is_refuted ? 1.0 : sqrt(gain);
+}
+
+/* The heat of a prediction with another gain than the estimator's: the power of the last 20 s heats alike with both,
  * so that a process at rest does not stay off its set-point. */
 static double heat_in_use(fsw_nmpc *c) {
   const fsw_estimator *e = &c->estimator;
   fsw_adaptation *a = &c->adaptation;
-  a->power_kw += FSW_TICK_S / c->model.copper_lag_s * (e->power[0] - a->power_kw);
+  a->power_kw += FSW_TICK_S / POWER_MEMORY_S * (e->power[0] - a->power_kw);
   return e->x[FSW_HEAT] + (e->x[FSW_THERMAL_GAIN] / a->gain - 1.0) * (a->power_kw + e->x[FSW_HEAT]);
 }
 
@@ -124,8 +156,8 @@ int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in) {
   if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, in)) return 0;
   compete(c, in);
   judge_fit(c);
-  const double gain = certain(e, FSW_THERMAL_GAIN, 1.0), delay_s = certain(e, FSW_DELAY, 0.0);
-  a->gain = fsw_clip(a->is_refuted && gain < 1.0 ? 1.0 : gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
+  const double gain = gain_in_use(c), delay_s = certain(e, FSW_DELAY, 0.0);
+  a->gain = fsw_clip(gain, a->gain - GAIN_STEP, a->gain + GAIN_STEP);
   a->delay_s = fsw_clip(delay_s, a->delay_s - DELAY_STEP_S, a->delay_s + DELAY_STEP_S);
   a->heat_kw = heat_in_use(c);
   return 1;

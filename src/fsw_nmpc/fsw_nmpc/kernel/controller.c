@@ -223,6 +223,14 @@ static void take_drifts(fsw_nmpc *c) {
   }
 }
 
+/* Factor on the cost of the temperature's deviation, so that the power that it lacks costs what it does in the model: of
+ * copper that heats less, or approaches its set-point slower, a power takes less. Else a depth step would take more of it. */
+static double temp_cost(const fsw_nmpc *c) {
+  const double gain = c->adaptation.gain, delay_s = c->adaptation.delay_s;
+  const double share = (gain < 1.0 ? gain : 1.0) / (delay_s > 0.0 ? 1.0 + delay_s / c->model.dead_time_s : 1.0);
+  return 1.0 / (share * share);
+}
+
 static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
@@ -238,6 +246,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
   s->temp_offset_c = x[FSW_TEMP_OFFSET];
+  c->problem.temp_cost = temp_cost(c);
   take_drifts(c);
   fsw_trajectories(c, in);
 }
@@ -252,7 +261,7 @@ static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   out->copper_c = c->model.operating_temperature_c + e->x[FSW_COPPER];
-  out->doubt = (int)fsw_doubt_of(c);
+  out->doubt = fsw_doubts_of(c);
   for (int i = 0; i < FSW_ESTIMATES; i++) {
     out->disturbance[i] = e->x[shown[i]];
     out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
@@ -269,7 +278,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   out->force_kn = limited(c, 0, c->applied[0]);
   out->speed_rpm = limited(c, 1, c->applied[1]);
   out->healthy = out->blind = out->has_plan = 0;
-  out->doubt = FSW_DOUBT_NOTHING;
+  out->doubt = 0;
   out->solve_status = FSW_NOT_SOLVED;
   out->iterations = 0;
   out->bad_cycles = c->bad_cycles;

@@ -169,8 +169,9 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = e->steady = 0.0;
-  e->is_doubtful = e->long_ticks = 0;
+  e->is_doubtful = e->is_unexplained = e->long_ticks = 0;
   e->start_ticks = START_TICKS;
+  e->later_ticks = FSW_SLOWER;
   for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
   for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
   e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
@@ -411,17 +412,20 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
 
 /* What of the temperature's lasting innovations no later response to the power explains. If the power arrives 1 s later than
  * estimated, the newest one is `by_delay`, as far as that is linear. If it arrives later by any other time, it is the integral
- * of `by_delay` over that time back; and a probe that lags mixes such times. */
-static double unexplained(fsw_estimator *e, double by_delay) {
-  double sum = 0.0, low = 0.0, high = 0.0;
+ * of `by_delay` over that time back; and a probe that lags mixes such times. Times that the rival has lost do not count, but
+ * for whether any explains them. */
+static double unexplained(fsw_estimator *e, double by_delay, double least) {
+  double sum = 0.0, low = 0.0, high = 0.0, rest = e->lasting;
   for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
   e->by_later[0] = LASTING_KEEP * e->by_later[1] + by_delay;
   for (int k = 0; k < FSW_SLOWER; k++) {
     sum += FSW_TICK_S * e->by_later[k];
     low = sum < low ? sum : low;
     high = sum > high ? sum : high;
+    if (k + 1 == e->later_ticks) rest = e->lasting - fsw_clip(e->lasting, low, high);
   }
-  return e->lasting - fsw_clip(e->lasting, low, high);
+  e->is_unexplained = fabs(e->lasting - fsw_clip(e->lasting, low, high)) > least;
+  return rest;
 }
 
 /* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
@@ -434,7 +438,7 @@ static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc
   e->lasting = LASTING_KEEP * e->lasting + innovation;
   e->steady = LASTING_KEEP * e->steady + fsw_clip(innovation, -STEADY_MOST, STEADY_MOST);
   const double least = t->heat_sigmas / sqrt(1.0 - LASTING_KEEP * LASTING_KEEP);
-  const double rest = unexplained(e, by_delay / deviation);
+  const double rest = unexplained(e, by_delay / deviation, least);
   e->long_ticks = fabs(rest) > least ? e->long_ticks + 1 : 0;
   const int lasts = e->start_ticks > 0 || fabs(e->steady) > STEADY_SUM || e->long_ticks > LONG_TICKS;
   if (e->start_ticks > 0) e->start_ticks--;

@@ -153,11 +153,10 @@ typedef enum {
   FSW_OUT_OF_BOUNDS
 } fsw_reason;
 
-/* Why the adaptation is cautious. */
+/* Why the adaptation is cautious, as bits. */
 typedef enum {
-  FSW_DOUBT_NOTHING,
-  FSW_DOUBT_LATE,                          /* what passes for heat may be a late response to the power, and is not used */
-  FSW_DOUBT_MISFIT                         /* no gain and delay fit: the gain in use is no less than the model's */
+  FSW_DOUBT_LATE = 1,                      /* what passes for heat may be a late response to the power, and is not used */
+  FSW_DOUBT_MISFIT = 2                     /* no gain and delay fit: the gain in use is no less than the model's */
 } fsw_doubt;
 
 /* Sensors missing for too long, as bits. */
@@ -167,7 +166,7 @@ typedef struct {
   double force_kn, speed_rpm;              /* the proposal */
   int healthy, reason;
   int blind;                               /* bits of fsw_missing */
-  int doubt;                               /* fsw_doubt */
+  int doubt;                               /* bits of fsw_doubt */
   int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
@@ -197,6 +196,7 @@ typedef struct {
   fsw_start start;
   double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
   double window_low[2], window_high[2];
+  double temp_cost;                        /* factor on the square of the temperature's deviation */
 } fsw_problem;
 
 typedef struct {
@@ -219,7 +219,9 @@ typedef struct {
   int start_ticks;                         /* left in which they need not, as nothing has jumped */
   double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
   double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
-  int is_doubtful;                         /* whether a later response explains innovations that last */
+  int later_ticks;                         /* a response may be so much later than estimated */
+  int is_doubtful;                         /* whether such a one explains innovations that last */
+  int is_unexplained;                      /* whether they are none of any response to the power, however late */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
 
@@ -227,6 +229,7 @@ typedef struct {
 typedef struct {
   fsw_estimator rival;                     /* started while the power tells anything */
   double evidence;                         /* for the rival: logarithm of the likelihoods' ratio */
+  int is_beaten;                           /* whether the other range of the delay has lost, also while the power rests */
   int is_refuted;                          /* whether no gain and delay fit */
   double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
   double gain, delay_s, heat_kw;           /* in use */

@@ -25,7 +25,7 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
 /* adapt.c */
 void fsw_adaptation_start(fsw_nmpc *c);
 int fsw_adapt(fsw_nmpc *c, const fsw_nmpc_input *in);
-fsw_doubt fsw_doubt_of(const fsw_nmpc *c);
+int fsw_doubts_of(const fsw_nmpc *c);
 
 /* trajectory.c */
 void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);

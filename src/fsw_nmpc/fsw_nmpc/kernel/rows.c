@@ -93,9 +93,7 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
                fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
-  /* Copper that heats less costs as much by the power that it lacks: else a depth step would take more of its temperature. */
-  const double gain = problem->start.thermal_gain, less = gain < 1.0 ? gain : 1.0;
-  const double square[2] = {t->square[0], t->square[1] / (less * less)}, knee[2] = {t->knee[0], t->knee[1] * less};
+  const double square[2] = {t->square[0], t->square[1] * problem->temp_cost}, *knee = t->knee;
   int n = 0;
   build_variables(m, t, &problem->start, v, w);
   w->n_depth = w->n_soft_rows = w->n_bent = 0;

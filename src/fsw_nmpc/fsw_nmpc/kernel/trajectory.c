@@ -21,6 +21,9 @@
 #define POWER_TIME_S 0.3
 /* Depth accelerates faster than the speed can keep the power, by what the lags of the temperature smooth out. */
 #define SMOOTHED 1.55
+/* Where the temperature gives way, by so much faster still while the depth is twice its quality limit from its set-point or
+ * further, and less below: at that limit not at all, as a tool that jumps is to take no more of the temperature. */
+#define HASTE 0.3
 /* Share of the acceleration with which an approach counts on braking; of the largest rate of the temperature. */
 #define BRAKE_SHARE 0.8
 #define RATE_SHARE 0.8
@@ -40,6 +43,7 @@ static const double KEPT[2] = {0.8, 0.93};
 typedef struct {
   double slow_s, fast_s, at_rest, acceleration, least_rate, top_rate;
   double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
+  double haste, window;        /* further away than the window, it accelerates by up to this share faster */
 } approach;
 
 typedef struct { double at_s, value; } target; /* a set-point from at_s on */
@@ -54,7 +58,9 @@ static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
   const double change = (wanted - last) / a->fast_s - (size <= near ? last / a->slow_s : 0.0);
-  now->rate += fsw_clip(change, -a->acceleration, a->acceleration) * dt_s;
+  const double hasty = a->haste > 0.0 ? a->haste * fsw_clip(size / a->window - 1.0, 0.0, 1.0) : 0.0;
+  const double most = a->acceleration * (1.0 + hasty);
+  now->rate += fsw_clip(change, -most, most) * dt_s;
   now->steered += 0.5 * (last + now->rate) * dt_s;
   if (a->lag_s > 0.0) /* trapezoidal */
     now->output += (0.5 * (before + now->steered) - now->output) * dt_s / (a->lag_s + 0.5 * dt_s);
@@ -293,8 +299,9 @@ static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double
 static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1] * (1.0 + c->adaptation.delay_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  const double haste = t->quality_depth_mm > 0.0 ? HASTE * (1.0 - t->held_share) : 0.0;
+  approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0, haste, t->quality_depth_mm};
+  approach to_temp = {t->time_s[1] * (1.0 + c->adaptation.delay_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s, 0.0, 0.0};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
