@@ -86,6 +86,8 @@ MIXED = {"white and 5 s": (0.0, 5.0), "0.5 and 10 s": (0.5, 10.0)}
 #: noise of the method's colour, and a disturbance of the process or a sensor with it
 DISTURBED = "correlated 1 s, disturbed"
 KINDS = (*SENSING, *MIXED, DISTURBED)
+#: what Ctrl-C interrupted: nothing is begun after that
+INTERRUPTED = []
 
 
 def disturbance(index):
@@ -146,10 +148,10 @@ def errors_of(fit, factors):
 def results_of(name, function, jobs, keep=None):
     """Results of all jobs, on all cores; those in the file ``keep`` are there already, and others get there.
 
-    After Ctrl-C they are fewer than the jobs.
+    After Ctrl-C, also in an earlier call, they are fewer than the jobs.
     """
     runs = kept(name, keep)
-    left = [job for job in enumerate(jobs) if job[0] not in runs]
+    left = [job for job in enumerate(jobs) if job[0] not in runs and not INTERRUPTED]
     try:
         for (index, _), run in zip(left, on_all_cores(function, [job for _, job in left]), strict=True):
             runs[index] = run
@@ -158,6 +160,7 @@ def results_of(name, function, jobs, keep=None):
                 with keep.open("a", encoding="utf-8") as file:
                     file.write(json.dumps([name, index, run]) + "\n")
     except KeyboardInterrupt:
+        INTERRUPTED.append(name)
         print(f"{name}: interrupted, {len(runs)} of {len(jobs)} only", file=sys.stderr)
     return [runs[index] for index in range(len(jobs)) if index in runs]
 
@@ -211,7 +214,7 @@ def of_disturbed(drawn, keep=None):
     events = [disturbance(index) for index in range(len(drawn))]
     runs = results_of("disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))], keep)
     if not runs:
-        return {"disturbed_welds": 0}
+        return {}
     biased, silent, gross, largest = 0, 0, 0, []
     for (errors, deviations, *_, told, _), event in zip(runs, events, strict=False):
         off = {name: abs(errors[name]) / deviations[name] for name in AIMS if name in errors}
@@ -244,7 +247,7 @@ def of_whole_welds(drawn, keep=None):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
     runs = results_of("whole weld", one, [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)], keep)
     if not runs:
-        return {"whole_welds": 0}
+        return {}
     off = deviations_of(runs)
     every = [one for values in off.values() for one in values]
     gain = [abs(errors["depth_gain_mm_per_kn_s"]) for errors, *_ in runs if "depth_gain_mm_per_kn_s" in errors]
@@ -268,8 +271,10 @@ def of_whole_welds(drawn, keep=None):
 def of_foreign(count, keep=None):
     """On how many canisters the identified model predicts better than the paper's, and ratios of the errors (RMS)."""
     runs = results_of("canister", foreign, range(count), keep)
+    if not runs:
+        return {}
     result = {"foreign_canisters": len(runs)}
-    for key in runs[0] if runs else ():
+    for key in runs[0]:
         ratios = sorted(run[key] for run in runs)
         result[f"foreign_{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
         result[f"foreign_{key}_ratio_median"] = statistics.median(ratios)
@@ -309,7 +314,7 @@ def of_sensors(drawn, kinds=KINDS, keep=None):
         sensors = SENSING.get(kind, {})
         runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)], keep)
         if not runs:
-            break
+            continue
         off = deviations_of(runs)
         every = [one for values in off.values() for one in values]
         found = {f"{name}_inside_95_percent": percent(one <= _95 for one in values) for name, values in off.items()}
@@ -336,8 +341,6 @@ def of_sensors(drawn, kinds=KINDS, keep=None):
             found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = statistics.median(ratios), max(ratios)
         found["plants"] = len(runs)
         result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
-        if len(runs) < len(drawn):
-            break
     return result
 
 
@@ -419,7 +422,7 @@ def main():
     elif arguments.sensors is not None:
         only = of_sensors(random_factors(few, SPANS), arguments.sensors or KINDS, keep)
     elif arguments.whole is not None:
-        only = of_whole_welds(random_factors(max(arguments.whole, 100), SPANS)[: arguments.whole], keep)
+        only = of_whole_welds(random_factors(arguments.whole, SPANS), keep)
     if only is not None:
         if only:
             show(only)
@@ -428,10 +431,8 @@ def main():
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
     if not (result := of_undisturbed(drawn, keep)):
         return 130
-    complete = result["plants"] == len(drawn)
-    if complete:
-        result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
-    if complete and not arguments.short:
+    result |= of_disturbed(drawn[: 8 if arguments.quick else 60], keep)
+    if not arguments.short:
         result |= of_whole_welds(drawn[:few], keep) | of_foreign(few, keep) | of_sensors(drawn[:few], keep=keep)
     show(result)
     for name, aim in AIMS.items():
