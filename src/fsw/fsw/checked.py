@@ -60,7 +60,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     @cache
     def kinds() -> dict[str, list[Any]]:
-        """By parameter; at the first call, for only then there is all that is annotated."""
+        """By parameter; at the first call, as classes that are defined further down can be annotated, too."""
         arguments = {name: text for name, text in function.__annotations__.items() if name != "return"}
         place = types.SimpleNamespace(__annotations__=arguments)
         return {name: _kinds_of(one) for name, one in get_type_hints(place, function.__globals__).items()}
@@ -78,12 +78,13 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **keywords: P.kwargs) -> R:
         try:
             given = signature.bind(*args, **keywords).arguments
-        except TypeError:  # one too many, or none: Python says it, with the function's name
+        except TypeError:  # an argument too many or too few: Python says so, with the function's name
             return function(*args, **keywords)
         for name, value, allowed in each(given):
             if allowed and not any(_is_one(value, kind) for kind in allowed):
                 words = [_KINDS.get(one, (one, one.__name__))[1] for one in allowed if one is not types.NoneType]
-                raise InputError(f"{called}: {name} is {' or '.join(words)}, not {repr(value)[:80]}")
+                said = " ".join(repr(value).split())[:80]  # of a table, several lines
+                raise InputError(f"{called}: {name} is {' or '.join(words)}, not {said}")
         return function(*args, **keywords)
 
     return call

@@ -326,11 +326,11 @@ def identify(
     """
     lag_s = specs()["actuators.lag_s"].default if drive_lag_s is None else drive_lag_s
     if not welds:
-        raise InputError("identify: needs a weld at least; give one, or its bag")
+        raise InputError("identify: needs at least one weld, or its bag")
     if not 0.0 <= lag_s < np.inf:
         raise InputError(f"identify: drive_lag_s is a number of seconds from 0, not {lag_s:g}")
     data = [prepare(_weld(one).signals, lag_s) for one in welds]
-    checked = None if validate is None else prepare(_weld(validate).signals, lag_s)
+    judge = None if validate is None else prepare(_weld(validate).signals, lag_s)
     first = start or ModelParameters()
     deviations: dict[str, float] = {}
     if air is not None:
@@ -338,8 +338,8 @@ def identify(
     segments = [segment for weld in data for segment in weld.segments]
     found = estimation.identify(segments, first, progress, steady)
     validation = None
-    if checked is not None:
-        validation = estimation.validate(checked.segments, found.parameters, found.known_lag_s)
+    if judge is not None:
+        validation = estimation.validate(judge.segments, found.parameters, found.known_lag_s)
     notes = tuple(note for weld in data for note in weld.notes)
     return Identified(", ".join(weld.name for weld in data), found, validation, notes, deviations)
 

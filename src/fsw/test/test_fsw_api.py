@@ -108,11 +108,12 @@ def test_a_comparison_takes_a_list(controllers):
     ("call", "words"),
     [
         (lambda: fsw.read_bag(None), "read_bag: bag is text or a path, not None"),
-        (lambda: fsw.identify(), "identify: needs a weld"),
+        (lambda: fsw.identify(), "identify: needs at least one weld"),
         (lambda: fsw.identify("bag", {}), "identify: welds is Weld or text or a path, not {}"),
         (lambda: fsw.identify("bag", start="file"), "identify: start is ModelParameters, not 'file'"),
         (lambda: fsw.identify("bag", drive_lag_s=float("nan")), "drive_lag_s is a number of seconds from 0, not nan"),
         (lambda: fsw.model([]), "model: source is text or a path or ModelParameters, not []"),
+        (lambda: fsw.model(np.eye(2)), "not array([[1., 0.], [0., 1.]])"),
         (lambda: fsw.Model(3), "Model: parameters is ModelParameters, not 3"),
         (lambda: fsw.model().equation([]), "equation: number is a whole number, not []"),
         (lambda: fsw.model().linearise("deep"), "linearise: depth_mm is a number, not 'deep'"),
