@@ -38,11 +38,16 @@ class Eliminated:
     logdet: float  #: of the information of the knots
     levels: list[Level]
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(k, p): knots, and unknowns at each."""
+        together, _, rows = self.levels[0]
+        return 1 + max(int(at.max()) for at, _, _ in self.levels), rows.shape[1] // together.shape[1]
+
     def values(self) -> FloatArray:
         """(k, p, 1 + border): at the knots, from the residuals and by each of the border; by back substitution."""
-        width = len(self.border)
-        p = self.levels[0][2].shape[1] // self.levels[0][0].shape[1]
-        values = np.zeros((1 + max(int(at.max()) for at, _, _ in self.levels), p, width))
+        width, (k, p) = len(self.border), self.shape
+        values = np.zeros((k, p, width))
         for at, beside, rows in reversed(self.levels):
             n, m = at.shape[1] * p, beside.shape[1] * p
             known = rows[:, :, n : n + m] @ values[beside].reshape(len(at), m, width)

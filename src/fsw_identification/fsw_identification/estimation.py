@@ -455,7 +455,7 @@ def _heat_and_offset(problem: Problem) -> float:
     variances = np.zeros(3)
     for part, one in zip(parts, problem.eliminate(parts, False)[1], strict=True):
         if part.output == TEMPERATURE:
-            both = np.zeros((2, *one.values().shape[:2]))
+            both = np.zeros((2, *one.shape))
             for which, weights in enumerate(both):
                 weights[:, which - 2] = 1.0 / len(weights)
                 weights[0, which - 2] -= 1.0

@@ -92,13 +92,13 @@ def test_as_by_dense_least_squares(output: str, n: int, seed: int, width: int, l
     values, *_ = np.linalg.lstsq(rows, others, rcond=None)
     left = others - rows @ values
     np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-7, atol=1e-7)
-    shape = found.values().shape
-    deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(shape[:2])
-    np.testing.assert_allclose((found.values() - values.reshape(shape)) / deviations[:, :, None], 0.0, atol=1e-5)
+    k, p = found.shape
+    deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(k, p)
+    np.testing.assert_allclose((found.values() - values.reshape(k, p, -1)) / deviations[:, :, None], 0.0, atol=1e-5)
     stiff = -np.log(np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12)))
     expected = 2.0 * np.log(np.abs(np.diag(triangle))).sum() - 2.0 * (knots(n) - 1) * stiff.sum()
     assert found.logdet == pytest.approx(expected, abs=1e-5)
-    weights = np.random.default_rng(seed).standard_normal(shape[:2])
+    weights = np.random.default_rng(seed).standard_normal((k, p))
     variance = np.sum(np.linalg.solve(triangle.T, weights.ravel()) ** 2)
     assert found.variance(weights) == pytest.approx(variance, rel=1e-4)
 
