@@ -28,7 +28,7 @@ from fsw_msgs.msg import ShoulderDepth
 #: what must be there for the services, by the second part of their names
 _SERVERS = {
     "plant": "the plant running",
-    "weld": "a weld with phases under way",
+    "weld": "a weld under way",
     "run_weld": "the scenario player running",
 }
 #: by how much the clocks of two computers may differ (chosen)

@@ -101,6 +101,6 @@ def test_a_command_that_is_terminated_says_so_in_one_line(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("verb", ["hold", "resume"])
-def test_what_needs_a_weld_with_phases_says_so(capsys, verb):
+def test_what_needs_a_weld_says_so(capsys, verb):
     assert main(["weld", verb, "--timeout", "0.1"]) == 1
-    assert "is a weld with phases under way there?" in capsys.readouterr().err
+    assert "is a weld under way there?" in capsys.readouterr().err
