@@ -270,9 +270,12 @@ def _as_text(name: str, value: Any) -> str:
     def plain(other: Any) -> Any:
         if isinstance(other, np.generic | np.ndarray):
             return other.tolist()
-        raise InputError(f"{name} is a number, text, list or mapping, not {other!r}")
+        raise TypeError
 
-    return json.dumps(value, default=plain)
+    try:
+        return json.dumps(value, default=plain)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is a number, text, list or mapping, not {value!r}") from None
 
 
 def closed_loop(

@@ -90,6 +90,7 @@ def test_plant_parameters_and_changes_arrive():
         (None, {}, "scenario is text or a path, not None"),
         ("quick", {"noise": "no"}, "noise is True or False, not 'no'"),
         ("quick", {"progress": 3}, "progress is a function"),
+        ("quick", {"changes": {"events": {(1, 2): 3}}}, "^events is a number, text, list"),
         ("quick", {"plant": {"seed": b"3"}}, "plant.seed is a number, text, list or mapping, not b'3'"),
     ],
 )
