@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,20 @@ def all_figures(plants: Plants) -> Rows:
         shares = [100.0 * np.mean([won(plants, own, r, k) for k in figures(plants)]) for r in rivals.values()]
         rows.append([f"**all figures, {own}**", *(f"**{share:.1f} %**" for share in shares)])
     return rows
+
+
+def scatter(noise: Sequence[Sequence[Figures]], key: str) -> float:
+    """Standard deviation of a figure over seeds of the noise, as a share of it: RMS over the plants."""
+    values = np.array([[run[key] for run in runs] for runs in noise])
+    return float(np.sqrt(np.mean((values.std(axis=1, ddof=1) / values.mean(axis=1)) ** 2)))
+
+
+def by_chance(noise: Sequence[Sequence[Figures]], keys: Collection[str]) -> float:
+    """Share of figures that another seed of the noise alone makes worse than tolerated: of all pairs of seeds."""
+    values = np.array([[[run[key] for key in keys] for run in runs] for runs in noise])
+    over = values[:, :, None] / values[:, None]
+    n = values.shape[1]
+    return float((over > TOLERATED).sum() / (over.size * (n - 1) / n))  # a seed against itself is none
 
 
 def lost(plants: Plants, rival: str, key: str, sigma: float = 0.0) -> int:
@@ -186,10 +200,11 @@ def worst_plant(rounds: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, floa
 def page(data: Mapping[str, Any]) -> str:
     """The page of the study."""
     plants = ran(data["random"])
+    noise = {key: scatter(data["noise"], key) for key in figures(plants)}
     swings = {column: sum(bool(runs[column].get("swings")) for runs in plants) for column in COLUMNS}
     tables = {
         "tight": shares(plants, [TIGHT]),
-        "adapting": against(plants, FIXED, noise=data["noise"]),
+        "adapting": against(plants, FIXED, noise),
         "saturated": saturation(data["saturated"]),
         "events": events(data["nominal"]),
         "rest": at_rest(data["nominal"]),
@@ -211,9 +226,10 @@ def page(data: Mapping[str, Any]) -> str:
             adaptive=ADAPTIVE,
             tolerated=TOLERATED,
             lost=sum(lost(plants, FIXED, key) for key in figures(plants)),
-            beyond=sum(lost(plants, FIXED, key, data["noise"][key]) for key in figures(plants)),
+            beyond=sum(lost(plants, FIXED, key, noise[key]) for key in figures(plants)),
             beyond_noise=BEYOND_NOISE,
-            noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS)),
+            noise=dict(plants=NOISY_PLANTS, seeds=len(NOISE_SEEDS), by_chance=100.0 * by_chance(data["noise"], noise)),
+            lost_share=100.0 * np.mean([lost(plants, FIXED, key) for key in noise]) / len(plants),
             compared=len(plants) * len(figures(plants)),
             of_dead_times=len(data["late"]),
             worse_late=sum(one[ADAPTIVE]["iae_c_s"] > TOLERATED * one[FIXED]["iae_c_s"] for one in data["late"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
@@ -32,7 +32,7 @@ SEED = 31415
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
 #: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
-NOISY_PLANTS, NOISE_SEEDS = 5, (1, 2, 3, 4)
+NOISY_PLANTS, NOISE_SEEDS = 20, (1, 2, 3, 4)
 #: Dead times beyond the model's, factors on the gain and on the copper's lag: every combination.
 LATER_S, GAINS, LAGS = (-1.0, 0.0, 1.0, 2.0, 3.0, 4.0), (0.5, 1.0, 2.0), (0.5, 1.0, 2.0)
 #: Last ticks of the set-points' case, after the last step of the temperature, in which what still swings is seen.
@@ -87,8 +87,8 @@ def figures(runs: Mapping[str, Figures]) -> Figures:
     return found | {"swings": any(run["swings"] for run in runs.values())}
 
 
-def noise() -> dict[str, float]:
-    """Standard deviation of every figure over seeds of the sensor noise, as a share of it, without adaptation."""
+def noise() -> list[list[Figures]]:
+    """All figures of merit without adaptation, by plant and by seed of the sensor noise."""
     plants = random_factors(NOISY_PLANTS, seed=SEED)
     with controllers() as made, ProgressBar("noise of the figures") as bar:
         label, parameters = made[FIXED]
@@ -99,11 +99,10 @@ def noise() -> dict[str, float]:
             for case in CASES
         }
         found = run_all(list(jobs.values()), bar)
-    of = [
+    return [
         [figures({case: found[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
         for i in range(NOISY_PLANTS)
     ]
-    return {key: _scatter([[run[key] for run in runs] for runs in of]) for key in of[0][0] if key != "swings"}
 
 
 def _late(job: Job) -> dict[str, float]:
@@ -136,12 +135,6 @@ def late() -> list[dict[str, Any]]:
         {"later_s": later_s, "gain": gain, "lag": lag, FIXED: fixed, ADAPTIVE: adaptive}
         for (later_s, gain, lag), fixed, adaptive in zip(grid, found[::2], found[1::2], strict=True)
     ]
-
-
-def _scatter(values: Sequence[Sequence[float]]) -> float:
-    """Root mean square over plants (rows) of the standard deviation over the mean of their values."""
-    table = np.array(values)
-    return float(np.sqrt(np.mean((table.std(axis=1, ddof=1) / table.mean(axis=1)) ** 2)))
 
 
 def nominal() -> dict[str, dict[str, Any]]:

@@ -29,7 +29,12 @@ def test_shares_and_ratios_are_those_of_the_plants():
 def test_a_figure_is_lost_beyond_its_noise():
     plants, key = [runs(adaptive=1.05), runs(adaptive=1.2), runs(adaptive=1.4)], next(iter(JUDGED))
     assert [report.lost(plants, study.FIXED, key, sigma) for sigma in (0.0, 0.1, 0.2)] == [2, 1, 0]
-    assert study._scatter([[1.0, 3.0], [10.0, 30.0]]) == pytest.approx(2.0**0.5 / 2.0)
+
+
+def test_the_noise_of_a_figure_and_what_it_makes_worse_by_chance():
+    noise = [[{"a": 1.0, "b": 1.0}, {"a": 3.0, "b": 1.05}], [{"a": 10.0, "b": 2.0}, {"a": 30.0, "b": 2.0}]]
+    assert report.scatter(noise, "a") == pytest.approx(2.0**0.5 / 2.0)
+    assert report.by_chance(noise, ["a", "b"]) == pytest.approx(0.25)  # of both plants and figures, one way
 
 
 def test_all_figures_count_movement_against_the_tight_one_alone():
@@ -80,7 +85,7 @@ def test_page_and_figure(tmp_path):
     data["drifts"] = {study.ADAPTIVE: drift}
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
-    data["noise"] = dict.fromkeys(JUDGED, 0.05)
+    data["noise"] = [[dict.fromkeys(JUDGED, 1.0 + 0.05 * way / 2.0**0.5) for way in (-1.0, 1.0)]]
     figures = {"peak_c": 10.0, "moves_c": 1.0, "iae_c_s": 100.0}
     data["late"] = [{"later_s": 3.0, study.FIXED: figures, study.ADAPTIVE: figures}]
     data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
