@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("adaptive_nmpc.command")
+    start("adaptive_nmpc.command", ["campaign"])

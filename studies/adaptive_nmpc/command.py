@@ -35,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             data = {"software": versions(), "random": {}}
         parts: dict[str, Callable[[], Any]] = {
             **{"nominal": study.nominal, "saturated": lambda: study.saturated(welds), "drifts": study.drifts},
+            "inside": lambda: study.inside_limits(parsed.out / study.CAMPAIGN),
             **{"margins": study.robustness, "noise": study.noise, "late": study.late, "search": search.searched},
         }
         for name, part in parts.items():

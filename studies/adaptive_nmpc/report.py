@@ -222,6 +222,7 @@ def page(data: Mapping[str, Any]) -> str:
             texts,
             plants=len(plants),
             seed=SEED,
+            inside=data["inside"],
             swings=swings,
             adaptive=ADAPTIVE,
             tolerated=TOLERATED,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
@@ -11,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+import fsw
 from controller_comparison.processes import REST, random_factors
 from controller_comparison.study import KPIS, VARIATIONS, margins
 from fsw.progress import ProgressBar
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_campaign import definition
 from fsw_control.contract import Command
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
@@ -29,6 +32,8 @@ RIVALS = (CONSERVATIVE, TIGHT)
 COLUMNS = (*RIVALS, SMITH, DEFAULT, FIXED, ADAPTIVE)
 #: Random plants of other seeds than this served to choose the preset's values.
 SEED = 31415
+#: Many parameters at once, and limits on both outputs.
+CAMPAIGN = "model_uncertainty"
 #: Process on which the greater depth and the temperature need nearly all of the speed.
 WEAK = {"model.sliding_friction": 0.85, "model.sticking_stress_pa": 0.85}
 #: Plants and seeds of the sensor noise by which the noise of the figures themselves is told.
@@ -103,6 +108,22 @@ def noise() -> list[list[Figures]]:
         [figures({case: found[jobs[i, seed, case]] for case in CASES}) for seed in NOISE_SEEDS]
         for i in range(NOISY_PLANTS)
     ]
+
+
+def inside_limits(folder: Path) -> list[int]:
+    """Welds of the shipped campaign `CAMPAIGN` with the preset that are inside all limits, and how many there are.
+
+    Those that are in the folder already are kept.
+    """
+    content = json.loads(definition.load(CAMPAIGN).text) | {"controllers": [ADAPTIVE]}
+    with TemporaryDirectory() as scratch:
+        file = Path(scratch) / f"{CAMPAIGN}.yaml"
+        file.write_text(json.dumps(content), encoding="utf-8")
+        with ProgressBar(CAMPAIGN) as bar:
+            welds = fsw.campaign(
+                file, folder, resume=folder.exists(), progress=lambda done: bar(done / content["welds"])
+            )
+    return [sum(welds.column("inside").to_pylist()), welds.num_rows]
 
 
 def _late(job: Job) -> dict[str, float]:

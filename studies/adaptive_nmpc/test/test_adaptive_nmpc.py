@@ -86,10 +86,12 @@ def test_page_and_figure(tmp_path):
     margins = ("depth_gain", "temperature_gain", "depth_delay_s", "temperature_delay_s")
     data["margins"] = {study.ADAPTIVE: dict.fromkeys(margins, 3.0)}
     data["noise"] = [[dict.fromkeys(JUDGED, 1.0 + 0.05 * way / 2.0**0.5) for way in (-1.0, 1.0)]]
+    data["inside"] = [1990, 2000]
     figures = {"peak_c": 10.0, "moves_c": 1.0, "iae_c_s": 100.0}
     data["late"] = [{"later_s": 3.0, study.FIXED: figures, study.ADAPTIVE: figures}]
     data["search"] = [[found_plant(10.0, 100.0, 90.0)]]
     page = report.page(data)
+    assert "2000 welds" in page and "99.5 % are inside" in page
     assert "2 plants" in page and "| set-points, IAE depth [mm s]|1.10|1.19|1.20|1 → 1.2|1 of 2|5.0 %|1 |" in page
     report.draw(welds, tmp_path / "priority.png")
     assert (tmp_path / "priority.png").read_bytes().startswith(b"\x89PNG")
