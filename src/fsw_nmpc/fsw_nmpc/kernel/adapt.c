@@ -76,9 +76,9 @@ static int later_ticks(const fsw_nmpc *c) {
   return (int)((fsw_delay_span_s(&c->model) - c->estimator.x[FSW_DELAY]) / FSW_TICK_S + 0.5);
 }
 
-/* What the last temperature tells of the rival. One that was beaten before comes back on better evidence only: of a later
- * response by innovations that one explains, as others are heat; and counted by how well the estimator fits, as innovations
- * that keep their sign are not independent. */
+/* What the last temperature tells in favour of the rival. Once the rival's range has lost, that counts for less: divided by how
+ * badly the estimator fits, as innovations of one sign are not independent; and for a later response not at all while none
+ * would explain them, as they are heat. */
 static double evidence_of(const fsw_nmpc *c) {
   const fsw_adaptation *a = &c->adaptation;
   const double more = more_likely(&a->rival, &c->estimator, &c->tuning);

@@ -219,8 +219,8 @@ typedef struct {
   int start_ticks;                         /* left in which they need not, as nothing has jumped */
   double by_delay[FSW_STATES];             /* error of the states if the power arrives later by 1 s than estimated */
   double by_later[FSW_SLOWER];             /* fading sum of the innovations that it makes, in the last ticks, newest first */
-  int later_ticks;                         /* a response may be so much later than estimated */
-  int is_doubtful;                         /* whether such a one explains innovations that last */
+  int later_ticks;                         /* by how much later than estimated a response may still be */
+  int is_doubtful;                         /* whether such a response explains innovations that last */
   int is_unexplained;                      /* whether they are none of any response to the power, however late */
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;
@@ -233,7 +233,7 @@ typedef struct {
   int is_refuted;                          /* whether no gain and delay fit */
   double misfit;                           /* fading mean square of the temperature's innovations in their deviations */
   double gain, delay_s, heat_kw;           /* in use */
-  double power_kw;                         /* mean power deviation of about the copper's lag */
+  double power_kw;                         /* mean power deviation of the last 20 s */
 } fsw_adaptation;
 
 typedef struct {
