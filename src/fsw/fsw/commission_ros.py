@@ -121,12 +121,14 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
             outcome = follow(node, RunWeld.Goal(scenario=text), lambda: stopped)
             return stopped[0] if stopped else "", outcome
     except KeyboardInterrupt:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C does not keep the weld going
+        ends = (signal.SIGINT, signal.SIGTERM)
+        before = [signal.signal(one, signal.SIG_IGN) for one in ends]  # a second one does not keep the weld going
         try:
             with operator(arguments) as node:
                 text = _aborted(node)
         finally:
-            signal.signal(signal.SIGINT, before)
+            for one, handler in zip(ends, before, strict=True):
+                signal.signal(one, handler)
         raise KeyboardInterrupt(text) from None
 
 

@@ -1,5 +1,7 @@
 """``fsw.py commission``: its course, and what its steps are judged by."""
 
+import signal
+from contextlib import contextmanager
 from dataclasses import replace
 from math import inf, nan
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fsw import commission
+from fsw import commission, commission_ros
 from fsw.commissioning import (
     STEPS,
     Course,
@@ -252,3 +254,29 @@ def test_the_report_has_every_step_with_what_failed(tmp_path):
     text = (tmp_path / "report.md").read_text()
     assert "## 1. check: failed" in text and "| noise | 1 | 0 | not met |" in text and "## 6. accept: open" in text
     assert Outcome().verdict == "open"
+
+
+def test_neither_ctrl_c_nor_sigterm_keeps_a_weld_from_being_aborted(monkeypatch):
+    asked = []
+
+    @contextmanager
+    def operator(arguments):
+        asked.append(arguments)
+        if len(asked) == 1:
+            raise KeyboardInterrupt
+        yield None
+
+    def aborted(node):
+        for one in (signal.SIGTERM, signal.SIGINT):
+            signal.raise_signal(one)
+        return "the weld was aborted"
+
+    monkeypatch.setattr(commission_ros, "operator", operator)
+    monkeypatch.setattr(commission_ros, "_aborted", aborted)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt, match="the weld was aborted"):
+            commission_ros._welded(None, "", None, None)
+        assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
