@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite, pi
 from struct import Struct
+from threading import Lock
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -91,9 +92,10 @@ class Linearisation:
 
 
 class _Numeric:
-    """A CasADi function of floats, called through its buffers, without the cost of an ordinary call."""
+    """A CasADi function of floats, called through its buffers by any thread, without the cost of an ordinary call."""
 
     def __init__(self, function: ca.Function) -> None:
+        self._lock = Lock()  # plants of other threads may have the same buffers
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
         self._target = self._given.data
         self._put = Struct(f"{function.nnz_in()}d").pack_into  # half the time of an assignment to the array
@@ -108,9 +110,10 @@ class _Numeric:
 
     def __call__(self, *values: float) -> list[float]:
         """All results one after the other, from all arguments one after the other."""
-        self._put(self._target, 0, *values)
-        self._evaluate()
-        return self._result.tolist()
+        with self._lock:
+            self._put(self._target, 0, *values)
+            self._evaluate()
+            return self._result.tolist()
 
 
 def driven_step(parameters: ModelParameters) -> Callable[..., list[float]]:

@@ -1,6 +1,8 @@
 """Check values of the paper's process, and step, equilibrium, linearisation and simulation as a user meets them."""
 
+import sys
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from math import inf, nan, pi
 
 import numpy as np
@@ -214,3 +216,21 @@ def test_rows_show_the_inputs_that_begin_there():
     assert run["force_kn"][1] - run["force_kn"][0] == pytest.approx(1.0)
     assert run["process_torque_nm"][1] - run["process_torque_nm"][0] == pytest.approx(12.84, abs=0.05)
     assert run["motor_torque_nm"][1] == pytest.approx(run["motor_torque_nm"][0], rel=1e-12)  # a state: it has a lag
+
+
+def test_threads_do_not_disturb_each_other():
+    """Plants with the same parameters have one model, and each may run in a thread of its own."""
+    model = ProcessModel()
+    state = model.equilibrium().state
+    alone = {rpm: model.outputs(state, 78.4, rpm) for rpm in (380.0, 420.0)}
+
+    def is_as_alone(rpm):
+        return all(model.outputs(state, 78.4, rpm) == alone[rpm] for _ in range(5000))
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor() as pool:
+            assert all(pool.map(is_as_alone, alone))
+    finally:
+        sys.setswitchinterval(before)
