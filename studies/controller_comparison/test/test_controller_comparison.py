@@ -102,10 +102,11 @@ def test_pages_say_what_was_measured(nominal):
     data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
     run = dict.fromkeys((*JUDGED, *study.VARIATIONS, *(f"rest {key}" for key in KEYS)), 1.5)
-    runs = {DEFAULT: run | {"swings": 1}, "nmpc:adaptive": run | {"swings": 0}}
+    runs = {DEFAULT: run | {"swings": 1}} | dict.fromkeys(("nmpc:adaptive", TIGHT), run | {"swings": 0})
     margins = {DEFAULT: {"temperature_gain": 2.1, "temperature_delay_s": 3.9}}
     random = {"plants": 3, "ratios": {}, "smith": {}, "swings": {DEFAULT: 2}}
-    data["sensing"] = {"runs": {"lag 3 s": runs}, "margins": {"lag 3 s": margins}, "random": random}
+    sensed = dict.fromkeys(("lag 3 s", "correlated 5 s, lag 3 s"), runs)
+    data["sensing"] = {"runs": sensed, "margins": {"lag 3 s": margins}, "random": random}
     pages = report.pages(data)
     page = pages["README.md"]
     iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
