@@ -192,6 +192,12 @@ class Arbiter:
         self.ticks.send()
         return self.ticks.decide()
 
+    def keep_stop(self) -> None:
+        """Be in the safe stop of another supervisor, which gives way to this one."""
+        self.machine.set_target(mode=Mode.SAFE_STOP)
+        text = "safe_stop was requested of the leader before"
+        self.machine.fire(OPERATOR_TRIGGERS[Mode.SAFE_STOP], text, "takeover")
+
     def step_down(self, unsent: list[Decision], reason: str) -> None:
         """Send nothing from now on, nor what was decided last."""
         self.ticks.take_back(unsent)

@@ -9,7 +9,7 @@ from fsw_control.command_check import refusal
 from fsw_control.contract import Command, signature
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.state_machine import TOOK_OVER
+from fsw_supervisor.state_machine import TOOK_OVER, Mode
 from fsw_supervisor.tick import Decision, Tick
 
 #: after a start: how long to listen for a leader [s]
@@ -61,6 +61,7 @@ class Failover:
         self._expected: Command | None = None
         self._fence_s: float | None = None
         self._held: list[Decision] = []
+        self._unheard_ns: int | None = None  # leading: a safe stop of another leader since then may be unknown here
         arbiter.ticks.leading = False
 
     @property
@@ -93,6 +94,7 @@ class Failover:
                 return []
             why = f"{TOOK_OVER}: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role = Role.ACTIVE
+            self._unheard_ns = None if self._arbiter.machine.mode is Mode.SAFE_STOP else self._last_ns
             self._term = max(self._term, self._heard_term) + 1
             decisions = self._arbiter.lead(why)
         elif gap_s > self._lease_s and self._fence_s is None:
@@ -129,8 +131,11 @@ class Failover:
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
-    def on_leader_state(self, token: str, answered_ns: int) -> bool:
+    def on_leader_state(self, token: str, answered_ns: int, stopped_ns: int | None = None) -> bool:
         """Take the state of a supervisor that leads and has answered the tick ``answered_ns`` (0: none) last.
+
+        ``stopped_ns``: the tick since which it is in a safe stop that nobody has acknowledged. That outlasts its lead:
+        it may have been asked for while this supervisor, which stays, was taking over.
 
         Returns whether its state has to be followed.
         """
@@ -143,6 +148,9 @@ class Failover:
         if self.role is Role.ACTIVE:
             if (term, answered_ns, identity) <= (self._term, self._last_ns, self._identity):
                 self.asserting = True
+                if stopped_ns is not None and self._unheard_ns is not None and stopped_ns >= self._unheard_ns:
+                    self._unheard_ns = None  # once: the operator may acknowledge it before the other one falls silent
+                    self._arbiter.keep_stop()
                 return False
             self._step_down("another supervisor leads")
         return True

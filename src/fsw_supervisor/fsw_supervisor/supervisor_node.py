@@ -112,7 +112,10 @@ class SupervisorNode(Node):
         self._publish([])
 
     def _on_leader_state(self, message: SupervisorState) -> None:
-        if self._failover.on_leader_state(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
+        answered_ns = convert.stamp_ns(message.applied.header.stamp)
+        is_stopped = message.actual_mode == Mode.SAFE_STOP and not message.acknowledged
+        stopped_ns = convert.stamp_ns(message.since) if is_stopped else None
+        if self._failover.on_leader_state(message.header.frame_id, answered_ns, stopped_ns):
             inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
             actual = (message.actual_mode, message.actual_controller, message.reason)
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)

@@ -101,10 +101,12 @@ class World:
     def tell(self, teller):
         answered_ns = teller.arbiter.ticks.last.stamp_ns if teller.arbiter.ticks.last is not None else 0
         token, target = teller.failover.token, teller.arbiter.machine.target
-        mode = str(teller.arbiter.machine.target_mode)
+        mode, machine = str(teller.arbiter.machine.target_mode), teller.arbiter.machine
+        is_stopped = machine.mode is Mode.SAFE_STOP and not machine.acknowledged
+        stopped_ns = machine.since_ns if is_stopped else None
 
         def claim(member):
-            if member.failover.on_leader_state(token, answered_ns):
+            if member.failover.on_leader_state(token, answered_ns, stopped_ns):
                 member.arbiter.follow_operator(target, mode, {})
 
         if teller.failover.role is Role.ACTIVE:
@@ -238,6 +240,50 @@ def test_it_keeps_the_latch_of_a_safe_stop_and_wants_an_acknowledgement_of_its_o
     assert a.arbiter.operator.ask_mode("auto", None, "operator")[0]
     world.tick(2)
     assert world.source == "decentral"
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("after_s", [0.0, 0.05, 0.1, 0.15, 0.2])
+def test_a_safe_stop_of_a_leader_that_gives_way_at_that_moment_is_not_lost(world, after_s):
+    """The standby hears nothing, takes over in auto and stays; the leader hears nothing of that before it is asked."""
+    a, b = world.members
+    a.lag_s = b.lag_s = 0.4
+    while b.failover.role is not Role.ACTIVE:
+        world.tick()
+    world.later(after_s, lambda member: ask(member) if member is a else None)
+    asked = []
+
+    def ask(member):
+        asked.append(member.failover.role)
+        member.arbiter.operator.ask_mode("safe_stop", None, "operator")
+
+    world.tick(3)
+    a.lag_s = b.lag_s = 0.001
+    world.tick(10)
+    assert (asked, world.active, world.source) == ([Role.ACTIVE], ["b"], "safe_stop")
+    assert not b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    assert b.arbiter.operator.acknowledge("operator")[0] and b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    world.tick(15)
+    assert world.source == "decentral"
+
+
+@pytest.mark.requirement("S25")
+def test_a_safe_stop_that_has_been_acknowledged_does_not_come_back_with_the_leader_before(world):
+    a, b = world.members
+    a.arbiter.operator.ask_mode("safe_stop", None, "operator")
+    world.tick(3)
+    a.running = False
+    world.tick(5)
+    assert b.arbiter.operator.acknowledge("operator")[0] and b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    world.tick(3)
+    a.lag_s = 0.4  # it hears late that it no longer leads, and tells of its safe stop before
+    a.queue.clear()
+    a.go_on()
+    world.tick(3)
+    assert a.failover.role is Role.ACTIVE
+    a.lag_s = 0.001
+    world.tick(12)
+    assert (world.active, world.source) == (["b"], "decentral")
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 3, 5, 9, 30])
