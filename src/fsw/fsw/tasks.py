@@ -121,10 +121,10 @@ def campaign(
     >>> table.num_rows == len(set(table.column("controller").to_pylist()))
     True
     """
-    from fsw_campaign import dataset, engine  # of the extra
-
     if workers is not None and workers < 1:
         raise InputError(f"campaign: workers is at least 1, not {workers}")
+    from fsw_campaign import dataset, engine  # of the extra
+
     made = definition.load(source, welds)
     with dataset.Dataset(Path(folder), made, resume) as written:
         if len(written.done) < made.welds * len(made.entrants):
