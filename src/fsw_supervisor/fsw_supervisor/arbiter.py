@@ -186,17 +186,20 @@ class Arbiter:
         if reason:
             self.machine.lead(reason)
         self.operator.manual = self.applied  # the manual mode goes on with the command in force
-        target = self.machine.target_mode
-        if target is not Mode.AUTO:  # accepted by a leader that may have sent no command since
-            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "takeover")
+        self._take_target()
         self.ticks.send()
         return self.ticks.decide()
 
     def keep_stop(self) -> None:
         """Be in the safe stop of another supervisor, which gives way to this one."""
         self.machine.set_target(mode=Mode.SAFE_STOP)
-        text = "safe_stop was requested of the leader before"
-        self.machine.fire(OPERATOR_TRIGGERS[Mode.SAFE_STOP], text, "takeover")
+        self._take_target()
+
+    def _take_target(self) -> None:
+        """Be in the mode that was requested of another leader, which may have sent no command since."""
+        target = self.machine.target_mode
+        if target is not Mode.AUTO:
+            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "takeover")
 
     def step_down(self, unsent: list[Decision], reason: str) -> None:
         """Send nothing from now on, nor what was decided last."""
