@@ -42,12 +42,12 @@ class TestStandby(unittest.TestCase):
             eye.until(lambda: set(LEADERS) <= set(eye.node.get_node_names()), "both")
 
             def steady():
-                latest = {(command.source, command.header.frame_id) for command in commands[-TICKS:]}
-                return len(commands) > TICKS and latest == {("decentral", states[-1].header.frame_id)}
+                latest = {(command.source, command.leader) for command in commands[-TICKS:]}
+                return len(commands) > TICKS and latest == {("decentral", states[-1].leader)}
 
             eye.until(steady, f"{TICKS} commands of the controller from one supervisor")
             del commands[:-TICKS]
-            first = states[-1].header.frame_id
+            first = states[-1].leader
             leading = []
 
             def one_leads():
@@ -58,13 +58,13 @@ class TestStandby(unittest.TestCase):
             # On a busy machine the standby may have taken over before.
             kill(domain, *LEADERS[leading[0].node_name])
             eye.until(
-                lambda: any(one.header.frame_id != first and one.requested_by == "takeover" for one in states),
+                lambda: any(one.leader != first and one.requested_by == "takeover" for one in states),
                 "the other one leads, by a takeover",
             )
             eye.until(steady, f"{TICKS} commands of the controller from the other one")
         # A tick or two are lost, more where the machine is busy: by the clock that is tested in fsw_supervisor.
         self.assertLessEqual({command.source for command in commands}, {"decentral", "hold"})
-        self.assertEqual(len({command.header.frame_id for command in commands}), 2)
+        self.assertEqual(len({command.leader for command in commands}), 2)
         answered = [stamp_ns(command) for command in commands]
         self.assertEqual(answered, sorted(set(answered)), "one command per tick")
         for before, after in itertools.pairwise(commands):

@@ -1,4 +1,7 @@
-"""Arbiter and gateway in one loop, without a middleware: after a PLC has ramped down by itself, control comes back."""
+"""Arbiter and gateway in one loop, without a middleware: a PLC ramps down by itself.
+
+Once the operator has acknowledged that, control comes back.
+"""
 
 from importlib import resources
 from math import isfinite
@@ -6,6 +9,7 @@ from math import isfinite
 import pytest
 
 from fsw_control import Command
+from fsw_control.fence import Signature
 from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import Gateway
@@ -62,6 +66,7 @@ class Loop:
         arbiter, now_s, out = self.arbiter, self.counter * _TICK_S, []
         seen = self.gateway.on_read(self._read())
         if seen is not None:
+            arbiter.on_actuator(self.gateway.fence.state)
             if isfinite(seen.drives.force_kn):
                 out += arbiter.on_drives(seen.stamp_ns, seen.drives, now_s)
             for sensor, value in _VALUES.items():
@@ -79,7 +84,8 @@ class Loop:
         for decision in out:
             arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
             at_s = now_s + (0.3 if self.late else 0.02)
-            order = self.gateway.on_command(decision.command, decision.stamp_ns, decision.source, True, at_s)
+            signature = Signature(1, "m", arbiter.machine.register.value)
+            order = self.gateway.on_command(decision.command, decision.stamp_ns, decision.source, True, at_s, signature)
             if order is not None:
                 self.gateway.on_written(order, "", at_s)
                 self.in_force, self.silent, written = order.command, 0, True
@@ -88,8 +94,15 @@ class Loop:
     def run(self, ticks):
         return [self.tick() for _ in range(ticks)]
 
+    def resume(self):
+        """The operator acknowledges the safe stop, and asks for auto."""
+        operator = self.arbiter.operator
+        assert not operator.ask_mode("auto", None, "operator")[0]
+        assert operator.acknowledge("operator")[0]
+        assert operator.ask_mode("auto", None, "operator")[0]
 
-@pytest.mark.requirement("S33")
+
+@pytest.mark.requirement("S25", "S33")
 @pytest.mark.parametrize("late_ticks", [8, 12, 20, 60, 200])
 @pytest.mark.parametrize("push", [Command(0.0, 0.0), Command(4.0, 0.0), Command(-3.0, 9.0)])
 @pytest.mark.parametrize("slowly", [False, True])
@@ -104,8 +117,12 @@ def test_after_a_plcs_own_ramp_control_comes_back_in_bounded_time(late_ticks, pu
     assert not any(loop.run(late_ticks))
     assert loop.in_force.force_kn < 78.4
     loop.late = False
+    before_kn = loop.in_force.force_kn
     loop.run(_BOUND_TICKS)
-    assert all(loop.run(20)), f"{loop.gateway.gate.last_refusal}; {loop.arbiter.machine.reason}"
+    assert loop.arbiter.machine.mode is Mode.SAFE_STOP
+    assert loop.in_force.force_kn <= before_kn, "no control after a safe reaction"
+    loop.resume()
+    assert all(loop.run(40)[20:]), f"{loop.gateway.gate.last_refusal}; {loop.arbiter.machine.reason}"
     assert loop.arbiter.machine.mode is Mode.AUTO
     assert loop.arbiter.machine.active == "decentral"
 

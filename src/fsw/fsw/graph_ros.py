@@ -197,7 +197,7 @@ def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
     if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
         rows.append(("  requested", f"{state.target_mode}, {state.target_controller}"))
     if state.actual_mode == "safe_stop":
-        needed = "acknowledged" if state.acknowledged else "acknowledge it before another mode"
+        needed = "acknowledged" if not state.stop.stopped else "acknowledge it before another mode"
         rows.append(("  safe stop", needed))
     rows += [(f"  {controller.name}", health(controller)) for controller in state.controllers]
     if state.interlocks:

@@ -21,8 +21,8 @@ _REACH_NS = 1_000_000_000
 class AppliedCommand:
     """A message seen on the command topic.
 
-    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, and ``writer`` which supervisor
-    sent it (empty where that is not given).
+    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, ``writer`` which supervisor
+    sent it (empty where that is not given), and ``term`` the number of that supervisor's lead.
     """
 
     stamp_ns: int
@@ -30,6 +30,7 @@ class AppliedCommand:
     source: str = ""
     writer: str = ""
     healthy: bool = True
+    term: int = 0
 
 
 class AppliedCommands:
@@ -38,8 +39,8 @@ class AppliedCommands:
     While another controller is in command, the command that answers a tick may arrive before this controller has
     seen all of the tick's samples. The one to follow is the command before that.
 
-    Any node can write to the topic. So one writer is followed; another one (a standby that takes over) is followed only
-    after the first has fallen silent.
+    Any node can write to the topic. So one writer is followed. One of a greater term (a standby that takes over) is
+    followed at once, one of a smaller term never, another one only after the first has fallen silent.
 
     Until the first command ``initial`` is taken as applied.
     """
@@ -80,7 +81,9 @@ class AppliedCommands:
             return "it is marked as not to be applied"
         if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > _REACH_NS:
             return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
-        if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer:
+        if seen.term < last.term:
+            return "its supervisor no longer leads"
+        if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer and seen.term == last.term:
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
             if not skipped and now_s - self._heard_s <= self._silence_s:
                 return "the supervisor being followed sends commands, too"

@@ -8,8 +8,8 @@ from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.units import NANOSECONDS
 
-#: Why a command can be refused.
-REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future")
+#: Why a command can be refused; ``leader`` and ``stopped`` are those of the fence.
+REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future", "leader", "stopped")
 
 
 class CommandGate:

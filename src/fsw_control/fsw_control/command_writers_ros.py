@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from rclpy.node import Node
 
 from fsw_control.command_gate import CommandGate
-from fsw_control.contract import BUILT_IN_SOURCES, signature
+from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState
 
@@ -50,9 +50,9 @@ class CommandWriters:
         sources = tuple(self._configured())
         self._gate().sources = self._announced if not sources and len(self.names) > 1 else sources
 
-    def note_refused(self, token: str) -> None:
-        """Note that a command signed with ``token`` was refused."""
-        self._refused[signature(token)[1]] += 1
+    def note_refused(self, leader: str) -> None:
+        """Note that a command was refused that the supervisor ``leader`` has signed."""
+        self._refused[leader] += 1
 
     def unauthorised(self) -> int:
         """Commands refused since the last call that none of the supervisors has signed that lead or have led.
@@ -65,7 +65,7 @@ class CommandWriters:
         return refused[""] + sum(count for one, count in late.items() if one not in self._elected)
 
     def _on_supervisor(self, message: SupervisorState) -> None:
-        identity = signature(message.header.frame_id)[1]
+        identity = message.leader
         if identity and identity not in self._elected:
             self._elected.append(identity)
         self._announced = (*(record.name for record in message.controllers), *BUILT_IN_SOURCES)

@@ -205,9 +205,3 @@ class Controller(Protocol):
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied`` without a bump."""
         ...
-
-
-def signature(token: str) -> tuple[int, str]:
-    """Term and identity of the supervisor that has signed a message with ``token``; 0 and empty where none has."""
-    term, _, identity = token.partition(".")
-    return (int(term), identity) if term.isdecimal() and len(term) < 10 else (0, "")

@@ -12,18 +12,23 @@ from std_msgs.msg import Header
 
 from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_control.fence import ActuatorState, Signature
 from fsw_control.ranges import set_point_problem
+from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
+from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
 from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
     Prediction,
     ShoulderDepth,
     SpindleTorque,
+    SupervisorState,
     WeldCommand,
     WeldReference,
     WeldReferencePlan,
 )
+from fsw_msgs.msg import Stop as StopMessage
 from fsw_msgs.srv import SetMode, SetReference, SwitchController
 
 #: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out as it is
@@ -77,13 +82,54 @@ def torque_message(value_nm: float, time_ns: int) -> SpindleTorque:
     return SpindleTorque(header=header(time_ns), torque=float(value_nm))
 
 
-def drives_message(acting: Command, time_ns: int) -> DriveFeedback:
-    """Drive feedback: the inputs that act."""
+def drives_message(acting: Command, time_ns: int, actuator: ActuatorState | None = None) -> DriveFeedback:
+    """Drive feedback: the inputs that act, and what the actuator end remembers."""
+    state = actuator or ActuatorState()
     return DriveFeedback(
         header=header(time_ns),
         axial_force=units.n_from_kn(acting.force_kn),
         spindle_speed=units.rad_s_from_rpm(acting.speed_rpm),
+        actuator=ActuatorStateMessage(
+            term=state.term,
+            leader=state.leader,
+            unanswered=state.unanswered,
+            source=state.source,
+            stop=stop_message(state.stop),
+        ),
     )
+
+
+def actuator_state(message: DriveFeedback) -> ActuatorState:
+    """What the actuator end remembers."""
+    state = message.actuator
+    return ActuatorState(state.term, state.leader, state.unanswered, state.source, stop(state.stop))
+
+
+def stop(message: StopMessage) -> Stop:
+    """Copy of the stop register; an unknown cause, as of a later version, counts as none."""
+    cause = StopCause(message.cause) if message.cause in set(StopCause) else StopCause.NONE
+    return Stop(int(message.epoch), bool(message.stopped), cause, message.who, stamp_ns(message.since))
+
+
+def stop_message(value: Stop) -> StopMessage:
+    """Copy of the stop register as a message."""
+    return StopMessage(
+        epoch=value.epoch,
+        stopped=value.stopped,
+        cause=int(value.cause),
+        who=value.who,
+        since=stamp_from_ns(value.since_ns),
+    )
+
+
+def signature(message: WeldCommand | SupervisorState) -> Signature:
+    """Who sent a command or a state: the supervisor's term, its identity and its copy of the stop register."""
+    return Signature(int(message.term), message.leader, stop(message.stop))
+
+
+def sign(message: WeldCommand | SupervisorState, value: Signature) -> None:
+    """Enter into a command or state who sends it."""
+    message.term, message.leader, message.stop = value.term, value.leader, stop_message(value.stop)
 
 
 def temperature_message(value_c: float, time_ns: int) -> Temperature:

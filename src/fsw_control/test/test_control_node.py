@@ -334,7 +334,7 @@ def test_commands_that_the_supervisor_did_not_send_are_ignored(start):
     peer.command(1000, force=77.0)
     for k, writer in ((0, ""), (1000, ""), (1000, "stranger"), (1001, "stranger"), (10**9, "stranger")):
         message = convert.command_message(Command(61.0, 310.0), k * STEP_NS, "echo")
-        message.header.frame_id = writer
+        message.leader = writer
         peer.commands.publish(message)
     peer.until(lambda: peer.node._applied.ignored == 5)
     peer.tick(1001)

@@ -22,6 +22,8 @@ from rclpy.task import Future
 from fsw_control import messages_ros as convert
 from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
+from fsw_control.stop import StopCause, StopRegister
+from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import history_report, tls, users
@@ -35,7 +37,7 @@ from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
-from fsw_hmi.requests import Acknowledge, Action, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
 from fsw_hmi.watch_ros import NO_STATE, Watch
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
@@ -77,6 +79,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._orders = Orders(self)
+        self._register = StopRegister()
+        self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(
             key, **{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")}
@@ -253,6 +257,10 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         elif why := self._why_not(action):
             answer(REFUSED, why)
         else:
+            if isinstance(action, SafeStop) and not self._register.stopped:
+                # Not only by the supervisor's service: the plant hears of it, too, if no supervisor lives.
+                self._register.stop(StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds)
+                self._stop.look()
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
     def _why_not(self, action: Action) -> str:

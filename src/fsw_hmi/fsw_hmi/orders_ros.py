@@ -139,6 +139,8 @@ class Orders:
             self._end(call, REFUSED, f"the {call.offered_by} could not be asked: {error}")
             return
         ok, message = _outcome(future.result())
+        if call.repeat and not ok:
+            return  # it is asked for again until its effect is confirmed
         self._end(call, DONE if ok else REFUSED, message.removeprefix("refused: "))
 
     def _end(self, call: _Call, outcome: str, message: str) -> None:

@@ -67,7 +67,7 @@ class Watch:
         self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
         self.progress: dict[str, Any] | None = None
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
-        self.leader = ""  #: signature of the leading supervisor
+        self.leader = ""  #: identity of the leading supervisor
         self.sensor_reasons: dict[str, str] = {}  #: what the supervisor says of each sensor
         self.attainable: Reference | None = None  #: set-points that the controller which commands goes for, if it tells
         self._goes_for = ""  # the controller that told it
@@ -115,7 +115,7 @@ class Watch:
 
     def _on_state(self, message: SupervisorState) -> None:
         self.state, self.state_s = _state(message), time.monotonic()
-        self.leader = message.header.frame_id
+        self.leader = message.leader
         for one in message.controllers:
             fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(one.name)
             if fits and one.name not in self._controllers and not one.name.endswith("_"):
@@ -196,7 +196,7 @@ def _state(message: SupervisorState) -> dict[str, Any]:
         **{name: readable(getattr(message, name)) for name in _WORDS},
         "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [readable(one) for one in message.interlocks[:_MOST_CONTROLLERS]],
-        "acknowledged": bool(message.acknowledged),
+        "acknowledged": not message.stop.stopped,
     }
 
 

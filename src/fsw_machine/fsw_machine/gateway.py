@@ -11,7 +11,9 @@ from fsw_control import weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.contract import Command, Limits
+from fsw_control.fence import UNSIGNED, Fence, Signature
 from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, Sample, bit, sample
@@ -31,6 +33,10 @@ _CATCH_UP = 3
 _SHOWN_CYCLES = 1
 #: what differs by less than this share of a move is the same set-point, rounded by the node's type
 _SAME = 0.01
+#: so many moves may be the rounding of the node's type, e.g. whole kN (chosen)
+_ROUNDED = 0.6
+#: so many cycles after a command every machine shows what is in force (chosen)
+_SETTLED_CYCLES = 3
 #: ticks of which the counter is known
 _KEPT = 32
 _NUMBERS = ("depth", "torque", "temperature", "force_acting", "speed_acting", "force_in_force", "speed_in_force")
@@ -49,7 +55,7 @@ class Publication:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat.
+    """A command of ``source`` that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat.
 
     ``before`` is what the machine had when it was accepted.
     """
@@ -60,6 +66,7 @@ class Order:
     heartbeat: int
     accepted_s: float
     before: Command
+    source: str
 
 
 class _Write(NamedTuple):
@@ -92,6 +99,7 @@ class Gateway:
         self.gate = CommandGate(
             Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"], REASONS
         )
+        self.fence = Fence()  #: who leads, and whether a safe stop is in force
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}  #: of the last read
@@ -105,7 +113,10 @@ class Gateway:
         self._stamp_ns: int | None = None
         self._published_s = -inf
         self._under_way: Order | None = None
-        self._waiting: tuple[Command, int] | None = None
+        self._waiting: tuple[Command, int, str] | None = None
+        self._sent: list[Command] = []  # what may have reached the machine and was not seen to be in force yet
+        self._seen: Command | None = None  # in force at the last read so long after a command
+        self._sent_cycle = 0
         self._writes: list[_Write] = []
         self._lost = self._cycle = 0
 
@@ -151,6 +162,7 @@ class Gateway:
         self.samples["permissive"] = bit(read.values["permissive"], nodes["permissive"], cycle_ns)
         self.invalid += sum(bool(one.fault) for one in self.samples.values())
         self.permissive = self.samples["permissive"].value == 1.0
+        self._note_safe_reaction(stamp_ns)
         begins = False
         if not self.permissive:
             self._part()
@@ -160,6 +172,7 @@ class Gateway:
                 return None
             self.joined = begins = True
         self._stamp_ns, self._published_s = stamp_ns, now_s
+        self.fence.measure()
         self._counters[stamp_ns] = read.counter
         if len(self._counters) > _KEPT:
             del self._counters[next(iter(self._counters))]
@@ -170,11 +183,39 @@ class Gateway:
         drives = Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
         return Publication(stamp_ns, value["depth"], value["torque"], value["temperature"], drives)
 
+    def _note_safe_reaction(self, stamp_ns: int) -> None:
+        """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.
+
+        Some cycles after the last command the set-points in force stay, or are those of a command whose arrival was
+        unknown until then.
+        """
+        force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
+        if force.fault or speed.fault or self._cycle - self._sent_cycle <= _SETTLED_CYCLES:
+            return
+        shown = Command(force.value, speed.value)
+        stays = self._seen is not None and self._is_same(shown, self._seen)
+        arrived = any(self._is_same(shown, sent, _ROUNDED) for sent in self._sent)
+        if (self._seen or self._sent) and not stays and not arrived:
+            self.fence.stop(StopCause.WATCHDOG, stamp_ns)
+        self._seen = shown
+        if self._under_way is None:
+            self._sent = []
+
     # ---------------------------------------------------------------- commands
 
-    def on_command(self, command: Command, stamp_ns: int, source: str, healthy: bool, now_s: float) -> Order | None:
+    def on_command(
+        self,
+        command: Command,
+        stamp_ns: int,
+        source: str,
+        healthy: bool,
+        now_s: float,
+        signature: Signature = UNSIGNED,
+    ) -> Order | None:
         """Process a command; returns the values to write, None if it is refused (``gate`` counts and says why)."""
-        reason, words = self._closed(now_s)
+        reason, words = self.fence.check(signature, source)
+        if not reason:
+            reason, words = self._closed(now_s)
         if reason:
             self.gate.refuse(reason, words)
             return None
@@ -185,15 +226,15 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = self._waiting, (command, counter)
+            overtaken, self._waiting = self._waiting, (command, counter, source)
             if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
                 self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
                 self._lose()
             return None
-        return self._order(command, counter, now_s)
+        return self._order(command, counter, source, now_s)
 
-    def _order(self, command: Command, counter: int, now_s: float) -> Order | None:
+    def _order(self, command: Command, counter: int, source: str, now_s: float) -> Order | None:
         """Let a command be written, cut to one move where it may catch up; else refuse it."""
         has = self._may_have()
         jump = self._jump(command, has)
@@ -209,7 +250,9 @@ class Gateway:
         nodes = self._machine.nodes
         force = nodes["force_setpoint"].number(command.force_kn)
         speed = nodes["speed_setpoint"].number(command.speed_rpm)
-        self._under_way = Order(command, force, speed, counter, now_s, has[0])
+        self._under_way = Order(command, force, speed, counter, now_s, has[0], source)
+        self._sent.append(command)
+        self._sent_cycle = self._cycle
         return self._under_way
 
     def _closed(self, now_s: float) -> tuple[str, str]:
@@ -244,11 +287,11 @@ class Gateway:
             return written
         return [shown, *written]
 
-    def _is_same(self, a: Command, b: Command) -> bool:
+    def _is_same(self, a: Command, b: Command, moves: float = _SAME) -> bool:
         limits = self.gate.limits
         return (
-            abs(a.force_kn - b.force_kn) <= _SAME * limits.force_step_kn
-            and abs(a.speed_rpm - b.speed_rpm) <= _SAME * limits.speed_step_rpm
+            abs(a.force_kn - b.force_kn) <= moves * limits.force_step_kn
+            and abs(a.speed_rpm - b.speed_rpm) <= moves * limits.speed_step_rpm
         )
 
     def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
@@ -294,6 +337,8 @@ class Gateway:
             self._lose()
         else:
             self.written += 1
+            self.fence.take(order.source)
+            self._sent = [order.command]
             self._writes = [_Write(order, self._cycle, acknowledged=True)]
             self._lost = 0
         waiting, self._waiting = self._waiting, None

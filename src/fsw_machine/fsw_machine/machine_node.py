@@ -23,6 +23,7 @@ from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import STREAM, sensor_publishers
 from fsw_machine import gateway_reports_ros as reports
 from fsw_machine.gateway import Gateway, Publication
@@ -80,6 +81,7 @@ class MachineNode(ManagedNode):
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
         self._guard.check(self._settings["discovery_s"], self._announce)
+        self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.register.merge)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)
@@ -131,6 +133,7 @@ class MachineNode(ManagedNode):
             publication = gateway.on_read(event)
             if publication is not None:
                 self._publish(publication)
+                self._stop.look()
             if stalled or (permissive, joined) != (gateway.permissive, gateway.joined):
                 self._report()
         elif isinstance(event, Written):
@@ -156,7 +159,7 @@ class MachineNode(ManagedNode):
 
     def _publish(self, out: Publication) -> None:
         """The drives first, because the sensors' last sample completes the tick."""
-        self._drives.publish(convert.drives_message(out.drives, out.stamp_ns))
+        self._drives.publish(convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state))
         self._depths.publish(convert.depth_message(out.depth_mm, out.stamp_ns))
         self._torques.publish(convert.torque_message(out.torque_nm, out.stamp_ns))
         self._temperatures.publish(convert.temperature_message(out.temperature_c, out.stamp_ns))
@@ -165,12 +168,14 @@ class MachineNode(ManagedNode):
         gateway, stamp_ns = self._gateway, convert.stamp_ns(message.header.stamp)
         refused = gateway.gate.total()
         now_s = time.monotonic()
-        order = gateway.on_command(convert.command(message), stamp_ns, message.source, message.healthy, now_s)
+        command, signature = convert.command(message), convert.signature(message)
+        order = gateway.on_command(command, stamp_ns, message.source, message.healthy, now_s, signature)
+        self._stop.look()
         if order is not None and self._link is not None:
             self._refused = ""
             self._link.write(order)
         elif gateway.gate.total() > refused:
-            self._writers.note_refused(message.header.frame_id)
+            self._writers.note_refused(message.leader)
             reason = gateway.gate.last_refusal.partition(":")[0]
             if reason != self._refused:
                 self.get_logger().warning(f"command refused: {gateway.gate.last_refusal}")

@@ -6,6 +6,8 @@ from math import isnan, nan
 import pytest
 
 from fsw_control import Command
+from fsw_control.fence import Signature
+from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
 from fsw_machine.samples import RawValue
@@ -37,8 +39,9 @@ class Machine:
 
     def command(self, force_kn=STEADY.force_kn, speed_rpm=STEADY.speed_rpm, after_s=0.02, **given):
         stamp_ns, healthy = given.get("stamp_ns", self.stamp_ns), given.get("healthy", True)
-        at_s = self.now_s + after_s
-        return self.gateway.on_command(Command(force_kn, speed_rpm), stamp_ns, "nmpc", healthy, at_s)
+        at_s, source = self.now_s + after_s, given.get("source", "nmpc")
+        signature = given.get("signature", Signature(stop=self.gateway.fence.register.value))
+        return self.gateway.on_command(Command(force_kn, speed_rpm), stamp_ns, source, healthy, at_s, signature)
 
     def obey(self, order):
         assert order is not None, self.refused
@@ -426,3 +429,55 @@ def test_a_late_answer_to_an_order_from_before_a_loss_changes_nothing(running):
     running.gateway.on_lost()
     running.gateway.on_written(order, "", running.now_s)
     assert running.gateway.written == 0
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("off_kn", [-0.7, -5.0, 0.7])
+def test_a_machine_that_has_moved_by_itself_needs_an_acknowledgement(running, off_kn):
+    """Its watchdog has lowered the force, or somebody has moved it by hand."""
+    running.obey(running.command())
+    running.gateway.on_lost()
+    running.gateway.on_connected()
+    running.in_force = running.in_force._replace(force_kn=running.in_force.force_kn + off_kn)
+    running.pause()
+    register = running.gateway.fence.register
+    assert (register.stopped, register.value.cause) == (True, StopCause.WATCHDOG)
+    assert running.command(*running.in_force) is None and running.refused == {"stopped"}
+    assert running.command(*running.in_force, source="safe_stop") is not None
+    register.acknowledge("operator", 0)
+    running.gateway.on_lost()
+    running.gateway.on_connected()
+    running.pause()
+    running.obey(running.command(*running.in_force))
+
+
+@pytest.mark.requirement("S25")
+def test_a_machine_that_has_stayed_where_it_was_is_commanded_again(running):
+    running.obey(running.command())
+    running.gateway.on_lost()
+    running.gateway.on_connected()
+    running.pause()
+    assert not running.gateway.fence.register.stopped
+    running.obey(running.command())
+
+
+@pytest.mark.requirement("S25")
+def test_a_write_that_may_have_arrived_is_no_move_of_the_machine(running):
+    running.obey(running.command())
+    running.cycle()
+    order = running.command(78.9)
+    running.gateway.on_written(order, "no answer", running.now_s)
+    running.in_force = order.command
+    running.gateway.on_lost()
+    running.gateway.on_connected()
+    running.pause()
+    assert not running.gateway.fence.register.stopped
+
+
+@pytest.mark.requirement("S9")
+def test_commands_of_a_leader_before_are_refused(running):
+    running.obey(running.command(signature=Signature(2, "b")))
+    running.cycle()
+    assert running.command(signature=Signature(1, "a")) is None
+    assert running.refused == {"leader"}
+    assert running.gateway.fence.state[:2] == (2, "b")

@@ -7,6 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fsw_control import Command, Limits
+from fsw_control.fence import Signature
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import defaults, load
 from fsw_machine.gateway import Gateway
@@ -44,13 +45,15 @@ class Plc:
             force_acting=self.force_kn + self._offset_kn,
         )
         self.published = self.gateway.on_read(read) or self.published
+        self.gateway.fence.register.acknowledge("operator", 0)  # of the machine's own ramp
 
     def command(self, force_kn, after_s=0.02):
         if self.published is not None:
             now_s = self.counter * 0.1 + after_s
             asked = Command(force_kn, SPEED_RPM), self.published.stamp_ns
+            signature = Signature(stop=self.gateway.fence.register.value)
             self.asked += 1
-            self._wrote(self.gateway.on_command(*asked, "nmpc", True, now_s))
+            self._wrote(self.gateway.on_command(*asked, "nmpc", True, now_s, signature))
 
     def _wrote(self, order):
         """The invariant: in the bounds, and within a move of what the machine has; its own ramp may be under way."""

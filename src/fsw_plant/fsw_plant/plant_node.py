@@ -16,11 +16,14 @@ from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.fence import Fence
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.stop import StopCause
+from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
@@ -33,6 +36,7 @@ from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import truth_message
+from fsw_plant.watchdog import WatchdogState
 from fsw_schema.models import InputError
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -56,6 +60,7 @@ class PlantNode(ManagedNode):
         self._settings.on_change(self._on_parameters)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._running = False
+        self._fence = Fence()  # outlasts a deactivation
         if self._settings["autostart"]:
             self.start()
 
@@ -80,6 +85,7 @@ class PlantNode(ManagedNode):
         """Make sure that the plant is alone, and begin to tick once all are there."""
         self._pace = Lockstep()
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
+        self._stop = StopHolder(self, self._fence.register, self._fence.register.merge)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._settings["process"] == "canister":  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)
@@ -98,6 +104,7 @@ class PlantNode(ManagedNode):
         was_running, self._running = self._running, False
         if was_running:
             come_to_rest(self._plant)
+            self._fence.stop(StopCause.WATCHDOG, self._plant.measure().stamp_ns)
         force_kn = self._plant.applied.force_kn
         self.get_logger().info(f"deactivated; the drives are in the safe state at {force_kn:.4g} kN")
 
@@ -141,11 +148,18 @@ class PlantNode(ManagedNode):
         return missing
 
     def _next_tick(self) -> None:
+        if self._fence.overdue:
+            self._plant.watchdog.expire()
+        stamp_ns = self._plant.measure().stamp_ns
         self._plant.step()
+        if self._plant.watchdog.state is WatchdogState.SAFE:
+            self._fence.stop(StopCause.WATCHDOG, stamp_ns)
         self._publish_tick()
+        self._stop.look()
 
     def _publish_tick(self) -> None:
         plant = self._plant
+        self._fence.measure()
         plant.measure(None if self._simulated else self._stamps.next(self.get_clock().now().nanoseconds))
         self._pace.begin(time.monotonic())
         self._send()
@@ -159,7 +173,7 @@ class PlantNode(ManagedNode):
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
-        self._drives.publish(convert.drives_message(reading.drives, reading.stamp_ns))
+        self._drives.publish(convert.drives_message(reading.drives, reading.stamp_ns, self._fence.state))
         for stamp_ns, depth_mm in reading.depth_mm:
             self._depths.publish(convert.depth_message(depth_mm, stamp_ns))
         for stamp_ns, torque_nm in reading.torque_nm:
@@ -171,15 +185,22 @@ class PlantNode(ManagedNode):
         if not self._running:
             return
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        refusal = self._plant.apply(convert.command(message), stamp_ns, message.source, message.healthy)
+        refusal, words = self._fence.check(convert.signature(message), message.source)
         if refusal:
-            self._writers.note_refused(message.header.frame_id)
+            self._plant.gate.refuse(refusal, words)
+        else:
+            refusal = self._plant.apply(convert.command(message), stamp_ns, message.source, message.healthy)
+        if not refusal:
+            self._fence.take(message.source)
+        else:
+            self._writers.note_refused(message.leader)
             self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
-        own = refusal != "source" and stamp_ns == self._plant.measure().stamp_ns
+        own = refusal not in ("source", "leader") and stamp_ns == self._plant.measure().stamp_ns
         if self._lockstep and own and not self._pace.answered:
             self._pace.answered = True
             self._go_on()
+        self._stop.look()
 
     def _on_progress(self, message: WeldProgress) -> None:
         """The tool goes where the programme of the weld says, and stands while that is held."""

@@ -41,6 +41,11 @@ class Watchdog:
         self.armed = True
         self.state = WatchdogState.OK
 
+    def expire(self) -> None:
+        """Ramp to the safe state now: the commands that come do not carry out a safe stop that is in force."""
+        self.armed = True
+        self.age_s = max(self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"])
+
     def advance(self, force_kn: float) -> float:
         """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``."""
         config = self.config.values

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
+from fsw_control.fence import Signature
+from fsw_control.stop import Stop
 from fsw_test_support.ros_graph import Spinner, domain_id
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -61,7 +63,7 @@ class Peer:
 
         self.node = node
         self.got = {name: [] for name in ("depth", "torque", "temperature", "truth", "diagnostics", "clock")}
-        self.answer = answer
+        self.answer, self.stop = answer, Stop()
         stream = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         for name, kind, topic in (
             ("depth", ShoulderDepth, "fsw/depth"),
@@ -83,11 +85,13 @@ class Peer:
             self.answer(len(self.got["temperature"]), message.header.stamp)
 
     def command(self, stamp, force_kn=78.4, speed_rpm=407.576, source="test", healthy=True):
-        """Publish a command that answers the measurement of a stamp."""
+        """Publish a command that answers the measurement of a stamp; ``stop`` is the copy of the stop register."""
         from fsw_control import Command
-        from fsw_control.messages_ros import command_message, stamp_ns
+        from fsw_control.messages_ros import command_message, sign, stamp_ns
 
-        self.commands.publish(command_message(Command(force_kn, speed_rpm), stamp_ns(stamp), source, healthy))
+        message = command_message(Command(force_kn, speed_rpm), stamp_ns(stamp), source, healthy)
+        sign(message, Signature(stop=self.stop))
+        self.commands.publish(message)
 
     def stamps(self, name):
         """Stamps of what came on a topic, in ns."""

@@ -7,6 +7,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 
+from fsw_control.stop import Stop
 from fsw_msgs.msg import ShoulderDepth
 from fsw_msgs.srv import SetDisturbance
 from fsw_test_support.waiting import PATIENCE_S
@@ -48,12 +49,14 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     seen = len(peer.got["truth"])
     assert change(Transition.TRANSITION_ACTIVATE)
     graph.until(lambda: len(peer.got["truth"]) > seen + 30)
-    # it begins where it was left: in the safe state, until commands have come
+    # it begins where it was left: in the safe state, until that is acknowledged
     assert peer.got["truth"][seen].axial_force == pytest.approx(
         1e3 * plant._settings["watchdog.safe_force_kn"], rel=0.01
     )
-    assert peer.got["truth"][-1].axial_force > 79e3
-    assert "watchdog" not in capfd.readouterr().err  # commands were missing because none were wanted
+    assert peer.got["truth"][-1].axial_force < 66e3
+    peer.stop = Stop(2, False)
+    graph.until(lambda: peer.got["truth"][-1].axial_force > 79e3)
+    assert "watchdog: no valid command" not in capfd.readouterr().err.split("deactivated")[0]
     assert change(Transition.TRANSITION_DEACTIVATE) and change(Transition.TRANSITION_CLEANUP)
     graph.until(lambda: not peer.node.count_publishers("fsw/depth"))
     assert change(Transition.TRANSITION_CONFIGURE) and change(Transition.TRANSITION_ACTIVATE)

@@ -13,9 +13,10 @@ from std_msgs.msg import Header
 
 from fsw_control import Command
 from fsw_control.single_instance_ros import AnotherPlantError
+from fsw_control.stop import Stop as Register
 from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_control.units import mm_from_m, rpm_from_rad_s
-from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState, WeldProgress
+from fsw_msgs.msg import ControllerHealth, DriveFeedback, PlantState, Stop, SupervisorState, WeldProgress
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.plant_node import PlantNode, main
@@ -200,9 +201,11 @@ def test_use_sim_time_means_that_the_plant_makes_it(graph):
     assert peer.stamps("depth")[:3] == [TICK_NS, 2 * TICK_NS, 3 * TICK_NS]
 
 
-@pytest.mark.requirement("S10")
-def test_watchdog_holds_and_ramps_and_a_command_ends_it(graph):
+@pytest.mark.requirement("S10", "S25")
+def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     peer = graph.start(speed=50.0, noise="false")
+    drives = []
+    peer.node.create_subscription(DriveFeedback, "fsw/drives", drives.append, 10)
     graph.until(lambda: peer.got["depth"])
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
     graph.until(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_HOLD)
@@ -214,7 +217,14 @@ def test_watchdog_holds_and_ramps_and_a_command_ends_it(graph):
     assert all(0.0 <= a - b <= 201.0 for a, b in pairwise(ramp))
     graph.until(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
     assert "force goes to 65 kN, spindle keeps turning" in peer.report("watchdog").message
+    graph.until(lambda: drives and drives[-1].actuator.stop.stopped)
+    stop = drives[-1].actuator.stop
+    assert (stop.epoch, stop.cause) == (1, Stop.WATCHDOG)
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
+    graph.until(lambda: peer.report("commands") and "stopped" in peer.report("commands").message)
+    assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
+    peer.stop = Register(2, False)
+    peer.command(peer.got["depth"][-1].header.stamp, 70.0, 410.0)
     graph.until(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
 
 
@@ -286,7 +296,7 @@ def test_first_tick_waits_for_subscribers(graph):
 
 @pytest.mark.requirement("S11")
 def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
-    peer = graph.start(speed=50.0, noise="false")
+    peer = graph.start(speed=50.0, noise="false", watchdog__timeout_s=60.0)
     states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
     graph.until(lambda: states.get_subscription_count() == 1)
     states.publish(SupervisorState(controllers=[ControllerHealth(name="decentral")]))

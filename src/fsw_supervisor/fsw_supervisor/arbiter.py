@@ -23,6 +23,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.contract import Command
+from fsw_control.fence import ActuatorState
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
@@ -152,6 +153,13 @@ class Arbiter:
         if source == Mode.SAFE_STOP and self.ticks.last is None:
             self.machine.fire(Trigger.RESTARTED, "a safe stop was in force before the restart", "start")
 
+    def on_actuator(self, state: ActuatorState) -> None:
+        """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
+        self.machine.reported = state.stop
+        self.machine.merge_stop(state.stop)
+        self.on_source(state.source)
+        self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
+
     # ---------------------------------------------------------------- leader and standby
 
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
@@ -190,20 +198,15 @@ class Arbiter:
         self.ticks.send()
         return self.ticks.decide()
 
-    def keep_stop(self) -> None:
-        """Be in the safe stop of another supervisor, which gives way to this one."""
-        self.machine.set_target(mode=Mode.SAFE_STOP)
-        self._take_target()
-
     def _take_target(self) -> None:
         """Be in the mode that was requested of another leader, which may have sent no command since."""
         target = self.machine.target_mode
-        if target is not Mode.AUTO:
+        if target not in (Mode.AUTO, Mode.SAFE_STOP):  # a safe stop is in the register
             self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "takeover")
 
-    def step_down(self, unsent: list[Decision], reason: str) -> None:
+    def step_down(self, reason: str) -> None:
         """Send nothing from now on, nor what was decided last."""
-        self.ticks.take_back(unsent)
+        self.ticks.take_back([])
         self.ticks.leading = False
         self.watch.change_role()
         # The last decision may not have been obeyed: the command in force comes from the leader or the drives.
@@ -213,10 +216,10 @@ class Arbiter:
         self.operator.drop(f"refused: {reason}")
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 
-    def start_again(self, unsent: list[Decision]) -> None:
-        """Find out which command is in force: the drives have moved while this process was stalled."""
-        self.ticks.take_back(unsent)
-        self.ticks.interrupt("the drives have moved while the arbiter was stalled")
+    def withhold(self, decisions: list[Decision]) -> None:
+        """Count decisions as lost that must not be sent, as the actuator end has not reported yet."""
+        self.ticks.take_back(decisions)
+        self.in_force.forget()
 
 
 def problem(values: Mapping[str, Any]) -> str | None:

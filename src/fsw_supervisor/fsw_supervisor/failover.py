@@ -1,25 +1,30 @@
-"""Which of two supervisors leads: the other stands by, follows it and takes over when it stops sending."""
+"""Which supervisor leads: the one whose commands the actuator end takes; another stands by and takes over."""
 
 from __future__ import annotations
 
+from collections import deque
 from enum import StrEnum
 
 from fsw_control.applied import SILENT_PERIODS
 from fsw_control.command_check import refusal
-from fsw_control.contract import Command, signature
+from fsw_control.contract import Command
+from fsw_control.fence import ActuatorState, Signature
+from fsw_control.stop import Stop
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.state_machine import TOOK_OVER, Mode
+from fsw_supervisor.state_machine import TOOK_OVER, Machine
 from fsw_supervisor.tick import Decision, Tick
 
 #: after a start: how long to listen for a leader [s]
 LISTEN_S = 0.25
 #: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: leading, after a stall: how long commands are withheld in case there is another leader, in tick periods
-_FENCE_TICKS = 1.0
 #: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
+#: each takeover within this time doubles the patience of a standby, so that two slow ones do not alternate [s] (chosen)
+_RECENT_S = 30.0
+#: largest factor of the patience: 2 ticks become 1.6 s, well before the plant's watchdog lowers the force (chosen)
+_LARGEST_FACTOR = 8
 
 
 class Role(StrEnum):
@@ -33,12 +38,14 @@ class Role(StrEnum):
 class Failover:
     """Stands between the arbiter and the command topic.
 
+    The actuator end decides who leads (``fsw_control/fence.py``): it takes commands of the greatest term only, and
+    reports that term and its leader with every measurement. A supervisor sends nothing before it has heard such a
+    report; its term is above all that were reported. It leads no more when the report names another leader of the same
+    or a greater term. So commands of a leader that was stalled, cut off or outvoted have no effect, whatever it knows.
+
     On standby the arbiter decides every tick, sends nothing and takes over what the leader has commanded. When
-    ``takeover_ticks`` ticks in a row went unanswered, the decision on the last of them is sent. A leader that was
-    stalled long enough for another one to take over withholds its commands for a tick, to learn what has happened
-    meanwhile. Every failover begins a new term. Of two leaders the one with the greater term stays, so never the one
-    that was stalled; in the same term (they started together) the one that has answered the newer tick, in a tie the
-    one with the greater identity.
+    ``takeover_ticks`` ticks in a row went unanswered, as the actuator end counts them, the decision on the present one
+    is sent under a new term.
 
     ``identity`` differs from that of every other supervisor. With ``standby`` it begins as standby; otherwise it leads
     unless another one does.
@@ -46,33 +53,30 @@ class Failover:
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
-        self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
+        self.term = 0  #: of this supervisor's present lead; 0 until it begins to send
+        self.actuator: ActuatorState | None = None  #: last report of the actuator end; None before the first
         self.asserting = False  #: another supervisor leads, too, and must receive the state of this one
         self.rival_writer = False  #: other nodes publish commands, perhaps a leader whose commands have not arrived
-        self._arbiter = arbiter
-        self._identity = identity
-        self._term = self._heard_term = 0
-        self._started_s = self._called_s = now_s
+        self._arbiter, self._identity = arbiter, identity
+        self._heard_term = 0
+        self._started_s = self._called_s = self._reported_s = now_s
         self._tick: Tick | None = None
         self._due_s = 0.0
         self._drained = False
         self._early: tuple[int, str, Command] | None = None
-        self._last_ns = 0
-        self._expected: Command | None = None
-        self._fence_s: float | None = None
-        self._held: list[Decision] = []
-        self._unheard_ns: int | None = None  # leading: a safe stop of another leader since then may be unknown here
+        self._takeovers_s: deque[float] = deque(maxlen=8)
+        arbiter.machine.reported = Stop()
         arbiter.ticks.leading = False
 
     @property
-    def token(self) -> str:
-        """Term and identity: what this supervisor signs its commands and its state with."""
-        return f"{self._term}.{self._identity}"
+    def signature(self) -> Signature:
+        """What this supervisor signs its commands with."""
+        return Signature(self.term, self._identity, self._arbiter.machine.register.value)
 
     @property
     def wakeup_s(self) -> float | None:
         """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
-        times = [time for time in (self._arbiter.wakeup_s, self._fence_s) if time is not None]
+        times = [time for time in (self._arbiter.wakeup_s,) if time is not None]
         if self.role is Role.LISTENING:
             times.append(self._listening_ends_s)
         waiting = self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered
@@ -80,50 +84,79 @@ class Failover:
             times.append(self._due_s)
         return min(times, default=None)
 
-    def leads(self, now_s: float) -> bool | None:
-        """Whether this supervisor leads; None after a stall, until it is known whether another one has taken over."""
-        if self.role is not Role.ACTIVE:
-            return False
-        return None if self._fence_s is not None or now_s - self._called_s > self._lease_s else True
+    @property
+    def machine(self) -> Machine:
+        """The arbiter's state."""
+        return self._arbiter.machine
+
+    def is_certain(self, now_s: float) -> bool:
+        """Whether it is known that this supervisor leads, or does not.
+
+        After a stall, requests may be handled before the report that another one has taken over.
+        """
+        if self.role is not Role.ACTIVE or self.actuator is None:
+            return True
+        return now_s - self._reported_s <= self._lease_s or now_s - self._called_s <= self._lease_s
+
+    @property
+    def leads(self) -> bool:
+        """Whether the actuator end takes the commands of this supervisor, as far as it has reported."""
+        confirmed = self.actuator is not None and self.actuator.leader == self._identity
+        return self.role is Role.ACTIVE and confirmed and self.term > 0
+
+    @property
+    def unanswered(self) -> int:
+        """Ticks in a row before the present one that nobody has answered."""
+        return 0 if self.actuator is None else self.actuator.unanswered
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published now; to be called with the decisions of every call of the arbiter."""
-        gap_s, self._called_s = now_s - self._called_s, now_s
+        self._called_s = now_s
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
             why = f"{TOOK_OVER}: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
-            self.role = Role.ACTIVE
-            self._unheard_ns = None if self._arbiter.machine.mode is Mode.SAFE_STOP else self._last_ns
-            self._term = max(self._term, self._heard_term) + 1
+            self.role, self.term = Role.ACTIVE, 0
             decisions = self._arbiter.lead(why)
-        elif gap_s > self._lease_s and self._fence_s is None:
-            self._fence_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
-        if self._fence_s is not None:
-            self._held += decisions
-            if now_s < self._fence_s:
-                return []
-            decisions = self._leave_fence()
-        if decisions:
-            self._last_ns = decisions[-1].stamp_ns
-        self._expected = self._arbiter.applied
+        if decisions and self.actuator is None:
+            self._arbiter.withhold(decisions)
+            return []
+        if decisions and self.term == 0 and self.actuator is not None:
+            self.term = max(self.actuator.term, self._heard_term) + 1
         return decisions
 
-    def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
-        """Take a message seen on the command topic; ``token`` is that of its writer."""
-        term, identity = signature(token)
-        by_supervisor = identity not in ("", self._identity)
-        if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command, by_supervisor):
+    # ---------------------------------------------------------------- what is heard
+
+    def on_actuator(self, state: ActuatorState, now_s: float) -> None:
+        """Take the report of the actuator end; before the measurement that it came with."""
+        before, self.actuator, self._reported_s = self.actuator, state, now_s
+        if before is not None and state.term > before.term:
+            self._takeovers_s.append(now_s)
+        self._heard_term = max(self._heard_term, state.term)
+        self._arbiter.on_actuator(state)
+        if self.role is Role.ACTIVE and self.term and self._is_other(state):
+            self._step_down("another supervisor leads")
+        elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
+            self.role = Role.STANDBY
+
+    def on_stop(self, stop: Stop) -> None:
+        """Take another part's copy of the stop register."""
+        self._arbiter.machine.merge_stop(stop)
+
+    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
+        """Take a message seen on the command topic, with the signature of its writer."""
+        term, leader, stop = signature
+        by_supervisor = leader not in ("", self._identity)
+        if by_supervisor:
+            self.on_stop(stop)
+        if self.role is Role.ACTIVE:
+            self._arbiter.on_command(stamp_ns, source, command, by_supervisor)
             return
-        if not identity or refusal(command) is not None:
+        if not leader or term < self._heard_term or refusal(command) is not None:
             return
+        self._heard_term = term
         tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
-        if self.role is Role.ACTIVE:
-            if 0 <= age_ns <= NANOSECONDS and self.on_leader_state(token, stamp_ns):
-                self._follow(stamp_ns, source, command)
-            return
-        self._heard_term = max(self._heard_term, term)
         if age_ns < 0:
             # Its measurement has not come here yet.
             self._arbiter.on_source(source)
@@ -131,29 +164,26 @@ class Failover:
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
-    def on_leader_state(self, token: str, answered_ns: int, stopped_ns: int | None = None) -> bool:
-        """Take the state of a supervisor that leads and has answered the tick ``answered_ns`` (0: none) last.
+    def on_leader_state(self, signature: Signature) -> bool:
+        """Take the state of another supervisor that leads; returns whether its state has to be followed.
 
-        ``stopped_ns``: the tick since which it is in a safe stop that nobody has acknowledged. That outlasts its lead:
-        it may have been asked for while this supervisor, which stays, was taking over.
-
-        Returns whether its state has to be followed.
+        Before the actuator end has reported anything, of two that lead the one with the greater term stays, then the
+        one with the greater identity.
         """
-        term, identity = signature(token)
-        if identity in (self._identity, ""):
+        term, leader, stop = signature
+        if leader in ("", self._identity):
             return False
-        self._heard_term = max(self._heard_term, term)
+        self.on_stop(stop)
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
-            if (term, answered_ns, identity) <= (self._term, self._last_ns, self._identity):
+            if self.leads or (term, leader) < (self.term, self._identity):
                 self.asserting = True
-                if stopped_ns is not None and self._unheard_ns is not None and stopped_ns >= self._unheard_ns:
-                    self._unheard_ns = None  # once: the operator may acknowledge it before the other one falls silent
-                    self._arbiter.keep_stop()
                 return False
             self._step_down("another supervisor leads")
-        return True
+        follows = term >= self._heard_term
+        self._heard_term = max(self._heard_term, term)
+        return follows
 
     # ---------------------------------------------------------------- standby
 
@@ -161,18 +191,23 @@ class Failover:
     def _listening_ends_s(self) -> float:
         return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
 
-    @property
-    def _needed(self) -> int:
-        # In lockstep there is no next tick before this one is answered.
-        return 1 if self._arbiter.lockstep else self._arbiter.settings.takeover_ticks
+    def _needed(self, now_s: float) -> int:
+        """Unanswered ticks in a row, with the present one, after which this supervisor takes over."""
+        if self._arbiter.lockstep:  # there is no next tick before this one is answered
+            return 1
+        recent = sum(now_s - time_s < _RECENT_S for time_s in self._takeovers_s)
+        return self._arbiter.settings.takeover_ticks * int(min(2**recent, _LARGEST_FACTOR))
 
     def _takes_over(self, now_s: float) -> bool:
         tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
-            self._count(tick)
-        if self.role is Role.LISTENING and now_s >= self._listening_ends_s:
-            return True
-        if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
+            self._begin(tick)
+        if self.role is Role.LISTENING:
+            return now_s >= self._listening_ends_s
+        if tick is None or now_s < self._due_s or self.actuator is None:
+            return False
+        # A leader whose commands are heard here, but not at the actuator end, does not lead.
+        if self.unanswered + (not tick.answered) < self._needed(now_s):
             return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
             # This process was stalled: the messages in the queues are handled first.
@@ -181,11 +216,9 @@ class Failover:
             return False
         return True
 
-    def _count(self, tick: Tick) -> None:
+    def _begin(self, tick: Tick) -> None:
         """Note that a tick has begun."""
-        before, self._tick = self._tick, tick
-        if before is not None and not before.answered and not before.stalled:
-            self.unanswered += 1
+        self._tick = tick
         self._due_s = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
         self._drained = False
         if self._early is not None and self._early[0] <= tick.stamp_ns:
@@ -196,8 +229,6 @@ class Failover:
     def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
-        self.unanswered = 0
-        self._last_ns = stamp_ns
         self._arbiter.follow(stamp_ns, source, command)
 
     # ---------------------------------------------------------------- leader
@@ -206,30 +237,13 @@ class Failover:
     def _lease_s(self) -> float:
         """Another supervisor may have taken over after such a stall of this one."""
         settings = self._arbiter.settings
-        if self._arbiter.lockstep:
-            return settings.takeover_s(True) / 2.0
-        return max(SILENT_PERIODS, self._needed - 0.5) * settings.tick_period_s
+        return settings.takeover_s(True) / 2.0 if self._arbiter.lockstep else SILENT_PERIODS * settings.tick_period_s
 
-    def _leave_fence(self) -> list[Decision]:
-        """Withheld commands; none if something else has moved the drives meanwhile."""
-        self._fence_s = None
-        held, self._held = self._held, []
-        tick, expected = self._arbiter.ticks.present, self._expected
-        if tick is None or tick.drives is None or expected is None or tick.stamp_ns <= self._last_ns:
-            return held
-        limits, acting = self._arbiter.settings.limits, self._arbiter.in_force.commanded(tick.drives)
-        if (
-            abs(acting.force_kn - expected.force_kn) <= limits.force_step_kn / 2.0
-            and abs(acting.speed_rpm - expected.speed_rpm) <= limits.speed_step_rpm / 2.0
-        ):
-            return held
-        # Starting again from where the drives are avoids a bump.
-        self._arbiter.start_again(held)
-        return []
+    def _is_other(self, state: ActuatorState) -> bool:
+        """Whether the actuator end follows another leader; a term of this one that it has not seen yet may be ahead."""
+        return state.leader != self._identity and state.term >= self.term
 
     def _step_down(self, reason: str) -> None:
-        self.role, self.asserting = Role.STANDBY, False
-        self._fence_s, self.unanswered = None, 0
-        held, self._held = self._held, []
+        self.role, self.term, self.asserting = Role.STANDBY, 0, False
         self._tick = self._arbiter.ticks.present
-        self._arbiter.step_down(held, reason)
+        self._arbiter.step_down(reason)

@@ -7,14 +7,14 @@ import time
 from rclpy.node import Node
 from rclpy.task import Future
 
-from fsw_supervisor.failover import Failover
+from fsw_supervisor.failover import Failover, Role
 
 
 class Leadership:
     """Answers whether this supervisor leads.
 
     After a stall requests may be handled before the messages that say that another supervisor has taken over. One that
-    no longer leads must not accept them: nobody would follow it.
+    no longer leads must not accept them: nobody would follow it. So they wait for the next report or timer.
     """
 
     def __init__(self, node: Node, failover: Failover) -> None:
@@ -23,15 +23,15 @@ class Leadership:
 
     async def certain(self) -> bool:
         """Wait until it is certain, after a stall, and return whether this supervisor leads."""
-        while (leads := self._failover.leads(time.monotonic())) is None:
+        while not self._failover.is_certain(time.monotonic()):
             known: Future = Future(executor=self._node.executor)
             self._waiting.append(known)
             await known
-        return leads
+        return self._failover.role is Role.ACTIVE
 
     def look(self) -> None:
         """Resume what waits, if it is certain now; to be called after every call of the failover."""
-        if self._waiting and self._failover.leads(time.monotonic()) is not None:
+        if self._waiting and self._failover.is_certain(time.monotonic()):
             waiting, self._waiting = self._waiting, []
             for known in waiting:
                 known.set_result(True)

@@ -122,7 +122,8 @@ class OperatorRequests:
         """Acknowledge the safe stop, so that it may be left; returns success and the reason in words.
 
         Refused while a cause is there, or a sensor is invalid that could show it. Either voids it later, and so does
-        another safe stop.
+        another safe stop. Refused as well until the actuator end reports the same safe stop: it may have one of its own
+        that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return False, "refused: there is no safe stop to acknowledge"
@@ -130,6 +131,8 @@ class OperatorRequests:
             message = f"refused: {why_stop}"
             self.machine.log(Level.WARN, who, f"acknowledge: {message}")
             return False, message
+        if self.machine.reported not in (None, self.machine.register.value):
+            return False, "refused: the machine has not confirmed the safe stop yet; ask again"
         self.machine.acknowledge(who)
         return True, "acknowledged; now request a mode"
 

@@ -9,6 +9,7 @@ from statistics import fmean
 from builtin_interfaces.msg import Time
 
 from fsw_control import messages_ros as convert
+from fsw_control.fence import Signature
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
@@ -23,12 +24,12 @@ LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
 _SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
 
 
-def command(decision: Decision, token: str) -> WeldCommand:
-    """Command message of a decision; ``token`` identifies the supervisor in the frame id."""
+def command(decision: Decision, signature: Signature) -> WeldCommand:
+    """Command message of a decision, signed by its supervisor."""
     message = convert.command_message(
         decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
     )
-    message.header.frame_id = token
+    convert.sign(message, signature)
     return message
 
 
@@ -58,8 +59,8 @@ def mode(arbiter: Arbiter) -> str:
     return str(Mode.HOLD if arbiter.machine.mode is Mode.START else arbiter.machine.mode)
 
 
-def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
-    """The latched state; ``token`` as for :func:`command`."""
+def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
+    """The latched state, signed as a :func:`command`."""
     machine = arbiter.machine
     message = SupervisorState(
         target_controller=machine.target,
@@ -72,11 +73,11 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
         interlocks=list(arbiter.safety.active),
-        acknowledged=machine.acknowledged,
     )
-    message.header.stamp, message.header.frame_id = now, token
+    message.header.stamp = now
+    convert.sign(message, signature)
     if arbiter.ticks.last is not None:
-        message.applied = command(arbiter.ticks.last, token)
+        message.applied = command(arbiter.ticks.last, signature)
     return message
 
 

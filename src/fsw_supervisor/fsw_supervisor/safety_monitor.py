@@ -10,6 +10,7 @@ from typing import Any
 
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
+from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
@@ -152,7 +153,7 @@ class SafetyMonitor:
             measurement.held,
         )
         if self.invalid_sensors and self._machine.acknowledged:
-            self._machine.renew()  # from now on it is unknown whether a cause is present
+            self._machine.renew(StopCause.BLIND, "sensors")  # from now on it is unknown whether a cause is present
 
     def watch(self, values: Mapping[str, float], held: tuple[str, ...] = ()) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
@@ -170,7 +171,7 @@ class SafetyMonitor:
             return
         if self._machine.mode is Mode.SAFE_STOP:
             if self._machine.acknowledged:
-                self._machine.renew()
+                self._machine.renew(StopCause.INTERLOCK, "interlock")
         else:
             self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
 

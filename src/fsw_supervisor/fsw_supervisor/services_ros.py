@@ -18,14 +18,16 @@ from fsw_control.references_ros import ON_STANDBY
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.confirmation import CONFIRM_S, Confirmation, Confirmations
+from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
 
 class OperatorServices:
     """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
 
-    ``leads`` is awaited before a request is acted on and before success is answered: whether this supervisor leads.
-    ``publish`` publishes the consequences of a request.
+    ``leads`` is awaited before a request is acted on: whether this supervisor leads. Success is answered when the
+    actuator end reports the effect. ``publish`` publishes the consequences of a request.
     """
 
     def __init__(
@@ -33,9 +35,11 @@ class OperatorServices:
         node: Node,
         arbiter: Arbiter,
         leads: Callable[[], Awaitable[bool]],
+        confirmations: Confirmations,
         publish: Callable[[list[Decision]], None],
     ) -> None:
         self._node, self._arbiter, self._leads, self._publish = node, arbiter, leads, publish
+        self._confirmations = confirmations
         # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
         self._group = ReentrantCallbackGroup()
         self._services: list[Service] = []
@@ -75,8 +79,10 @@ class OperatorServices:
             answered: Future = Future(executor=self._node.executor)
             switch.on_done = partial(answered.set_result, True)
             await answered
-        lost = switch.ok and not await self._leads()
-        response.ok, response.message = ON_STANDBY if lost else (switch.ok, switch.message)
+        response.ok, response.message = switch.ok, switch.message
+        if switch.ok and self._arbiter.machine.active == request.name:
+            confirmation = self._confirmations.of_source(request.name, time.monotonic())
+            response.ok, response.message = await self._confirmed(confirmation, switch.message)
         return response
 
     def _on_list(
@@ -90,18 +96,38 @@ class OperatorServices:
     async def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
         response.ok, response.message = await self._ask(
-            lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator")
+            lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator"),
+            lambda now_s: (
+                self._confirmations.of_stop(now_s)
+                if request.mode == Mode.SAFE_STOP
+                else self._confirmations.of_mode(Mode(request.mode), now_s)
+            ),
         )
         return response
 
     async def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         ask = partial(self._arbiter.operator.acknowledge, "operator")
-        response.success, response.message = await self._ask(ask)
+        response.success, response.message = await self._ask(ask, self._confirmations.of_acknowledgement)
         return response
 
-    async def _ask(self, ask: Callable[[], tuple[bool, str]]) -> tuple[bool, str]:
+    async def _ask(
+        self, ask: Callable[[], tuple[bool, str]], confirmation: Callable[[float], Confirmation]
+    ) -> tuple[bool, str]:
+        """Act on a request, and answer when its effect is reported; ``confirmation`` gets the steady time."""
         if not await self._leads():
             return ON_STANDBY
-        answer = ask()
+        ok, message = ask()
+        waiting = confirmation(time.monotonic()) if ok else None
         self._publish([])
-        return answer
+        return (ok, message) if waiting is None else await self._confirmed(waiting, message)
+
+    async def _confirmed(self, waiting: Confirmation, message: str) -> tuple[bool, str]:
+        if waiting.ok is None:
+            known: Future = Future(executor=self._node.executor)
+            waiting.on_done = partial(known.set_result, True)
+            await known
+        if waiting.ok:
+            return True, message
+        if not await self._leads():
+            return ON_STANDBY
+        return False, f"requested, but not confirmed by the machine within {CONFIRM_S:g} s ({message})"

@@ -1,7 +1,7 @@
 """The supervisor's state machine: modes, the transitions between them as data, and how they came about.
 
 A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scripts/draw_state_machine.py`` draws them.
-A safe stop is latched: no row leads out of it before it is acknowledged.
+A safe stop is latched by the stop register (``fsw_control/stop.py``): no row leads out while it says stopped.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
+from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -41,6 +42,7 @@ class Trigger(StrEnum):
     START_TIMEOUT = "start_timeout"
     BLIND_TIMEOUT = "blind_timeout"
     RESTARTED = "restarted"
+    STOP_HEARD = "stop_heard"
     INTERLOCK_TRIP = "interlock_trip"
 
 
@@ -63,6 +65,7 @@ def _but(mode: Mode) -> tuple[Mode, ...]:
 
 _FREE = "operator, after acknowledging a safe_stop"
 _BEFORE = "before its first command: a safe_stop was in force"
+_HEARD = "another part of the weld holds a safe_stop"
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
@@ -79,8 +82,19 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
     Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
     *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Trigger.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
 )
+
+#: by trigger that begins a safe stop here, its cause; ``STOP_HEARD`` brings the cause with it
+STOP_CAUSES = {
+    Trigger.OPERATOR_SAFE_STOP: StopCause.OPERATOR,
+    Trigger.INTERLOCK_TRIP: StopCause.INTERLOCK,
+    Trigger.HOLD_TIMEOUT: StopCause.HOLD_TIMEOUT,
+    Trigger.START_TIMEOUT: StopCause.START_TIMEOUT,
+    Trigger.BLIND_TIMEOUT: StopCause.BLIND,
+    Trigger.RESTARTED: StopCause.RESTART,
+}
 
 _TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 
@@ -136,7 +150,8 @@ class Machine:
         self.revision = 0  #: changes whenever something that an operator sees has changed
         self.tick = 0  #: number of the present tick
         self.slewing = 0  #: ticks left in which the transition limits hold after a swap
-        self.acknowledged = False  #: the present safe stop may be left
+        self.register = StopRegister()  #: this supervisor's copy; while it says stopped, the mode is safe stop
+        self.reported: Stop | None = None  #: the actuator end's copy, as reported last; None: there is no such end
         self.events: deque[Event] = deque(maxlen=200)  #: the latest, removed when they are published
         self._stamp_ns = 0
         self._mode_tick = 0
@@ -165,9 +180,12 @@ class Machine:
         ``controller`` becomes the active one where the transition leads to auto.
         """
         target = next_mode(self.mode, trigger)
-        if target is None or (self.mode is Mode.SAFE_STOP and not self.acknowledged):
+        if target is None or (self.register.stopped and target is not Mode.SAFE_STOP):
             return
         before = self.mode
+        known = trigger is Trigger.RESTARTED and self.register.value.epoch > 0  # and acknowledged
+        if target is Mode.SAFE_STOP and not self.register.stopped and not known:
+            self.register.stop(STOP_CAUSES[trigger], who, self._stamp_ns)
         self._enter(target)
         self.active = controller if target is Mode.AUTO else ""
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
@@ -176,19 +194,35 @@ class Machine:
         self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
 
     def _enter(self, mode: Mode) -> None:
-        """Be in a mode from this tick on; a safe stop has to be acknowledged, each one anew."""
-        self.mode, self._mode_tick, self.acknowledged = mode, self.tick, False
+        """Be in a mode from this tick on."""
+        self.mode, self._mode_tick = mode, self.tick
 
-    def renew(self) -> None:
+    @property
+    def acknowledged(self) -> bool:
+        """Whether the present safe stop may be left."""
+        return self.mode is Mode.SAFE_STOP and not self.register.stopped
+
+    def renew(self, cause: StopCause = StopCause.OPERATOR, who: str = "operator") -> None:
         """The present mode is requested again, or has a new cause: its time-out and latch restart."""
-        self.revision += self.acknowledged
+        if self.acknowledged:
+            self.register.stop(cause, who, self._stamp_ns)
+            self.revision += 1
         self._enter(self.mode)
 
     def acknowledge(self, who: str) -> None:
         """Let the present safe stop be left when the operator asks for another mode."""
-        if not self.acknowledged:
-            self.acknowledged = True
+        if self.register.stopped:
+            self.register.acknowledge(who, self._stamp_ns)
             self.log(Level.INFO, who, f"{who} has acknowledged the safe stop")
+
+    def merge_stop(self, stop: Stop) -> None:
+        """Take another copy of the stop register; while it says stopped, the mode is safe stop."""
+        if not self.register.merge(stop):
+            return
+        self.revision += 1
+        if self.register.stopped:
+            cause = stop.cause.name.lower()
+            self.fire(Trigger.STOP_HEARD, f"a safe stop is in force: {cause}, {stop.who}", stop.who or "operator")
 
     def swap(self, name: str, reason: str, who: str, automatic: bool) -> None:
         """Make ``name`` the active controller; only in auto."""
@@ -212,6 +246,8 @@ class Machine:
     def mirror(self, source: str) -> None:
         """On standby: be in the mode in which the leader sends a command of ``source``."""
         mode = Mode(source) if source in BUILT_IN_SOURCES else Mode.AUTO
+        if self.register.stopped:
+            mode = Mode.SAFE_STOP
         active = source if mode is Mode.AUTO else ""
         if (mode, active) != (self.mode, self.active):
             if mode is not self.mode:
@@ -226,8 +262,7 @@ class Machine:
         self._told = (mode, controller, before_takeover(reason))
 
     def lead(self, reason: str) -> None:
-        """Record that a standby leads from now on, in its present state, which is not acknowledged."""
-        self.acknowledged = False
+        """Record that a standby leads from now on, in its present state."""
         self.slewing = self.settings.transition_ticks
         before = before_takeover(self.reason)
         self._note(f"{reason} ({before})" if before else reason, "takeover", f"leads in {self.mode}")

@@ -12,17 +12,19 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Command
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.ranges import beyond_trip
 from fsw_control.references_ros import KeptReference
 from fsw_control.reports_ros import DiagnosticsPublisher, log
-from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
+from fsw_control.stop import Stop
+from fsw_control.stop_ros import StopHolder
+from fsw_control.topics_ros import LATEST, STREAM, subscribe_sensors
+from fsw_msgs.msg import ControllerStatus, DriveFeedback, SupervisorState, WeldCommand
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter, problem
+from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.leadership_ros import Leadership
@@ -62,7 +64,12 @@ class SupervisorNode(Node):
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
         self._leadership = Leadership(self, self._failover)
-        self._operator_services = OperatorServices(self, self._arbiter, self._leadership.certain, self._publish)
+        lockstep_wait_s = 2.0 * values["lockstep_deadline_s"] if self._arbiter.lockstep else 0.0
+        self._confirmations = Confirmations(self._failover, lockstep_wait_s)
+        self._operator_services = OperatorServices(
+            self, self._arbiter, self._leadership.certain, self._confirmations, self._publish
+        )
+        self._stop = StopHolder(self, self._arbiter.machine.register, self._on_stop)
         self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
         self._command_topic = self.resolve_topic_name("fsw/command")
         self._published_revision = -1
@@ -75,7 +82,7 @@ class SupervisorNode(Node):
         self._controllers = ControllerTopics(
             self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
         )
-        subscribe_drives(self, self._on_drives)
+        self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
@@ -93,8 +100,16 @@ class SupervisorNode(Node):
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._publish(self._arbiter.on_sample(sensor, stamp_ns, value, time.monotonic()))
 
-    def _on_drives(self, stamp_ns: int, feedback: Command) -> None:
-        self._publish(self._arbiter.on_drives(stamp_ns, feedback, time.monotonic()))
+    def _on_drives(self, message: DriveFeedback) -> None:
+        now_s = time.monotonic()
+        self._failover.on_actuator(convert.actuator_state(message), now_s)
+        self._confirmations.on_report()
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self._publish(self._arbiter.on_drives(stamp_ns, convert.command(message), now_s))
+
+    def _on_stop(self, stop: Stop) -> None:
+        self._failover.on_stop(stop)
+        self._publish([])
 
     def _on_proposal(self, name: str, message: WeldCommand) -> None:
         stamp_ns = convert.stamp_ns(message.header.stamp)
@@ -107,15 +122,12 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_status(name, sensors, message.selected, now_s, source))
 
     def _on_command(self, message: WeldCommand) -> None:
-        token, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
-        self._failover.on_command(token, stamp_ns, message.source, convert.command(message))
+        stamp_ns, command = convert.stamp_ns(message.header.stamp), convert.command(message)
+        self._failover.on_command(convert.signature(message), stamp_ns, message.source, command)
         self._publish([])
 
     def _on_leader_state(self, message: SupervisorState) -> None:
-        answered_ns = convert.stamp_ns(message.applied.header.stamp)
-        is_stopped = message.actual_mode == Mode.SAFE_STOP and not message.acknowledged
-        stopped_ns = convert.stamp_ns(message.since) if is_stopped else None
-        if self._failover.on_leader_state(message.header.frame_id, answered_ns, stopped_ns):
+        if self._failover.on_leader_state(convert.signature(message)):
             inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
             actual = (message.actual_mode, message.actual_controller, message.reason)
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)
@@ -150,10 +162,12 @@ class SupervisorNode(Node):
             # The publisher needs some time to be known before its first command.
             self._open_commands()
         for decision in permitted:
-            self._open_commands().publish(reports.command(decision, self._failover.token))
+            self._open_commands().publish(reports.command(decision, self._failover.signature))
         if self._arbiter.ticks.present is not None:
             self._kept_reference.on_tick(self._arbiter.ticks.present.stamp_ns)
+        self._stop.look()
         self._leadership.look()
+        self._confirmations.look(time.monotonic())
         self._wakeup.set(self._failover.wakeup_s)
         if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
             self._report_changes()
@@ -197,7 +211,9 @@ class SupervisorNode(Node):
             else:
                 self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
+            self._states.publish(
+                reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.signature)
+            )
 
     # ---------------------------------------------------------------- graph
 

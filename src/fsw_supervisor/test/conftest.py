@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.fence import Fence
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import LISTEN_S, Failover
 from fsw_supervisor.settings import ArbiterSettings
@@ -146,6 +147,8 @@ class Leader:
         Ticks since the start.
     sent : list of Decision
         What it has sent.
+    fence : Fence or None
+        The actuator end, which hears it alone; None: it does not report.
     """
 
     def __init__(self, standby: bool = False, lockstep: bool = False, **values: object) -> None:
@@ -156,10 +159,14 @@ class Leader:
         self.wish = Command(80.0, 410.0)
         self.measured = 0
         self.sent: list[Decision] = []
+        self.fence: Fence | None = Fence()
 
     def call(self, decisions: list[Decision]) -> None:
         """Send what the failover lets pass."""
-        self.sent += self.failover.pass_on(decisions, self.now_s)
+        for decision in self.failover.pass_on(decisions, self.now_s):
+            self.sent.append(decision)
+            if self.fence is not None and self.fence.check(self.failover.signature, decision.source) == ("", ""):
+                self.fence.take(decision.source)
 
     def run(self, seconds: float) -> Leader:
         """Let time pass, and wake it when it wants to be woken."""
@@ -179,6 +186,9 @@ class Leader:
         """Hand over a measurement and what two controllers propose to it."""
         self.measured += 1
         self.stamp_ns += PERIOD_NS
+        if self.fence is not None:
+            self.fence.measure()
+            self.failover.on_actuator(self.fence.state, self.now_s)
         if self.drives is not None:
             self.call(self.arbiter.on_drives(self.stamp_ns, self.drives, self.now_s))
         for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():

@@ -1,18 +1,20 @@
-"""A request to a supervisor that was stalled: acted on and answered only when it is certain that it leads."""
+"""A request to a supervisor that was stalled: acted on only when it is certain who leads."""
 
 import pytest
 
+from fsw_supervisor.failover import Role
 from fsw_supervisor.leadership_ros import Leadership
 
 
 class Standing:
-    """A node without an executor, and a failover that says what a test wants."""
+    """A node without an executor, and a failover in the state that a test gives it."""
 
     executor = None
-    now = None
+    certain = False
+    role = Role.ACTIVE
 
-    def leads(self, _now_s):
-        return self.now
+    def is_certain(self, _now_s):
+        return self.certain
 
 
 def step(coroutine):
@@ -25,29 +27,30 @@ def step(coroutine):
 
 
 @pytest.mark.requirement("S28")
-@pytest.mark.parametrize("leads", [True, False])
-def test_a_request_waits_until_it_is_certain_who_leads(leads):
+@pytest.mark.parametrize("role", [Role.ACTIVE, Role.STANDBY])
+def test_a_request_waits_until_it_is_certain_who_leads(role):
     standing = Standing()
     leadership = Leadership(standing, standing)
     first, second = leadership.certain(), leadership.certain()
     assert step(first) is None and step(second) is None
     leadership.look()
     assert step(first) is None, "still uncertain"
-    standing.now = leads
+    standing.certain, standing.role = True, role
     leadership.look()
+    leads = role is Role.ACTIVE
     assert step(first) is leads and step(second) is leads
     assert step(leadership.certain()) is leads
 
 
-def test_a_second_stall_before_the_request_goes_on_makes_it_wait_again():
+def test_a_second_stall_before_the_request_continues_makes_it_wait_again():
     standing = Standing()
     leadership = Leadership(standing, standing)
     asked = leadership.certain()
     step(asked)
-    standing.now = True
+    standing.certain = True
     leadership.look()
-    standing.now = None
+    standing.certain = False
     assert step(asked) is None
-    standing.now = False
+    standing.certain, standing.role = True, Role.STANDBY
     leadership.look()
     assert step(asked) is False

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
+from fsw_control.fence import Fence  # noqa: E402
 from fsw_control.topics_ros import LATEST  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
     ControllerStatus,
@@ -49,6 +50,7 @@ class Peer(Node):
         self.temperatures = self.create_publisher(Temperature, "fsw/thermocouple", 10)
         self.drives = self.create_publisher(DriveFeedback, "fsw/drives", 10)
         self.pushed_kn, self.reasons, self.seen_before = 0.0, {}, ""
+        self.fence = Fence()
         self.requests = self.create_publisher(String, "fsw/switch_request", 10)
         self.voices = {}
         self.wild = set()
@@ -75,6 +77,8 @@ class Peer(Node):
 
     def on_command(self, message):
         self.commands.append(message)
+        if self.fence.check(convert.signature(message), message.source) == ("", ""):
+            self.fence.take(message.source)
         if convert.stamp_ns(message.header.stamp) == self.stamp_ns:
             self.tick()
 
@@ -82,7 +86,8 @@ class Peer(Node):
         self.stamp_ns += STEP_NS
         header = convert.header(self.stamp_ns)
         acting = Command(self.applied.force_kn + self.pushed_kn, self.applied.speed_rpm)
-        self.drives.publish(convert.drives_message(acting, self.stamp_ns))
+        self.fence.measure()
+        self.drives.publish(convert.drives_message(acting, self.stamp_ns, self.fence.state))
         self.depths.publish(convert.depth_message(2.66, self.stamp_ns))
         self.torques.publish(convert.torque_message(1050.0, self.stamp_ns))
         self.temperatures.publish(convert.temperature_message(850.0, self.stamp_ns))
@@ -179,7 +184,7 @@ def test_a_safe_stop_that_the_controllers_have_seen_goes_on_after_a_restart(make
     bench.run()
     assert {message.source for message in bench.peer.commands} == {"safe_stop"}
     assert bench.peer.states[-1].actual_mode == "safe_stop"
-    assert not bench.peer.states[-1].acknowledged
+    assert bench.peer.states[-1].stop.stopped
 
 
 @pytest.mark.requirement("S5")
@@ -340,11 +345,11 @@ def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.peer.pushed_kn = 0.0
     bench.until(lambda: not bench.peer.states[-1].interlocks)
     assert bench.call(acknowledge, Trigger.Request()).success
-    bench.until(lambda: bench.peer.states[-1].acknowledged)
+    bench.until(lambda: not bench.peer.states[-1].stop.stopped)
     mode = bench.peer.create_client(SetMode, "fsw/set_mode")
     assert bench.call(mode, SetMode.Request(mode="auto")).ok
     bench.until(lambda: bench.peer.states[-1].actual_mode == "auto")
-    assert not bench.peer.states[-1].acknowledged
+    assert not bench.peer.states[-1].stop.stopped
 
 
 def test_without_a_set_point_the_state_says_so(make_bench):

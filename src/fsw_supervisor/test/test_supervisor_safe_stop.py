@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
+from fsw_control.stop import StopCause
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Machine, Mode, Trigger
@@ -168,6 +169,7 @@ def test_a_standby_that_sees_a_cause_stays_in_the_safe_stop_whatever_the_leader_
 def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trigger):
     machine = Machine(ArbiterSettings.from_values({}))
     machine.mode = mode
+    machine.register.stop(StopCause.OPERATOR, "operator", 0)
     machine.fire(Trigger.OPERATOR_SAFE_STOP, "", "operator")
     machine.fire(trigger, "", "operator", "decentral")
     assert machine.mode is Mode.SAFE_STOP

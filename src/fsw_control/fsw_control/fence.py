@@ -1,0 +1,93 @@
+"""What the actuator end (plant or gateway) remembers: who leads, and whether a safe stop is in force.
+
+The actuator end is the only place that every effective command passes. So it decides which supervisor leads, and no
+other part has to agree on that.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fsw_control.contract import SAFE_STOP
+from fsw_control.stop import Stop, StopCause, StopRegister
+
+#: measurements for which a supervisor has time to carry out a safe stop (chosen: 0.3 s)
+_PATIENCE = 3
+
+
+class Signature(NamedTuple):
+    """What a supervisor signs its commands with."""
+
+    term: int = 0  #: number of its lead; greater than every term before
+    leader: str = ""  #: its identity
+    stop: Stop = Stop()  #: its copy of the stop register
+
+
+#: a command that no supervisor has signed
+UNSIGNED = Signature()
+
+
+class ActuatorState(NamedTuple):
+    """What the actuator end reports with every measurement."""
+
+    term: int = 0  #: greatest term of a command that it has taken
+    leader: str = ""  #: who sent that
+    unanswered: int = 0  #: measurements in a row before this one that this leader has not answered
+    source: str = ""  #: of the last command taken: a controller, ``manual``, ``hold`` or ``safe_stop``
+    stop: Stop = Stop()  #: its copy of the stop register
+
+
+class Fence:
+    """Refuses commands of a supervisor that no longer leads, and all but safe-stop commands during a safe stop.
+
+    Invariants, whatever arrives in whatever order: terms never fall; one term has one leader; the stop register never
+    falls; while it says stopped, no command but one of ``safe_stop`` passes; a command passes only if its sender knew
+    the register's present epoch, or asks for the safe stop.
+    """
+
+    def __init__(self) -> None:
+        self.register = StopRegister()
+        self._term, self._leader, self._source = 0, "", ""
+        self._answered, self._unanswered, self._overdue = True, 0, 0
+
+    @property
+    def state(self) -> ActuatorState:
+        """What is reported with the present measurement."""
+        return ActuatorState(self._term, self._leader, self._unanswered, self._source, self.register.value)
+
+    def measure(self) -> None:
+        """Note that a new measurement is taken."""
+        self._unanswered = 0 if self._answered else self._unanswered + 1
+        self._answered = False
+        waits = self.register.stopped and self._source != SAFE_STOP
+        self._overdue = self._overdue + 1 if waits else 0
+
+    def check(self, signature: Signature, source: str) -> tuple[str, str]:
+        """Why a command may not pass: reason, of ``command_gate.REASONS``, and words; both empty if it may.
+
+        Its copy of the stop register counts in any case.
+        """
+        self.register.merge(signature.stop)
+        same = signature.term == self._term and signature.leader == self._leader
+        if not same and signature.term <= self._term:
+            return "leader", f"supervisor {signature.leader or 'unknown'} no longer leads: term {signature.term}"
+        self._term, self._leader, self._answered = signature.term, signature.leader, True
+        if source != SAFE_STOP and self.register.stopped:
+            return "stopped", f"a safe stop is in force, and {source!r} is not part of it"
+        if source != SAFE_STOP and signature.stop < self.register.value:
+            return "stopped", f"{source!r} does not know the last acknowledgement yet"
+        return "", ""
+
+    def take(self, source: str) -> None:
+        """Note that a command of ``source`` acts from now on."""
+        self._source = source
+
+    @property
+    def overdue(self) -> bool:
+        """Whether a safe stop has been in force for some measurements, and no supervisor carries it out."""
+        return self._overdue > _PATIENCE
+
+    def stop(self, cause: StopCause, since_ns: int) -> None:
+        """Begin a safe stop of the actuator end's own, unless one is in force."""
+        if not self.register.stopped:
+            self.register.stop(cause, "plant", since_ns)

@@ -1,0 +1,69 @@
+"""The safe stop as a register: every part of a weld holds a copy, and copies merge in any order to the same value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+#: largest epoch that a message can carry; it cannot be acknowledged, so that a stop always wins
+LAST_EPOCH = 2**32 - 1
+
+
+class StopCause(IntEnum):
+    """Why a safe stop has begun, with the numbers of ``fsw_msgs/Stop``."""
+
+    NONE = 0
+    OPERATOR = 1
+    INTERLOCK = 2
+    HOLD_TIMEOUT = 3
+    START_TIMEOUT = 4
+    BLIND = 5
+    WATCHDOG = 6
+    RESTART = 7
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Stop:
+    """One value of the register.
+
+    Values are ordered by epoch; of the same epoch a stop is greater than an acknowledgement. Each change takes a new
+    epoch, so the greater of two values is the one that was made knowing the other, or the safer one.
+    """
+
+    epoch: int = 0  #: number of changes since the parts were started; 0: there has been no stop
+    stopped: bool = False  #: a safe stop is in force; False: there was none, or the last one is acknowledged
+    cause: StopCause = StopCause.NONE  #: of the last safe stop
+    who: str = ""  #: made the change: an operator, an interlock, ``plant``
+    since_ns: int = 0  #: stamp of the measurement at which it was made
+
+
+class StopRegister:
+    """A copy of the register; grows only.
+
+    Merging takes the maximum, so copies that have heard each other are equal, whatever was lost, delayed or repeated.
+    A stop is not lost as long as one copy of it lives.
+    """
+
+    def __init__(self) -> None:
+        self.value = Stop()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a safe stop is in force."""
+        return self.value.stopped
+
+    def merge(self, other: Stop) -> bool:
+        """Take another copy's value; returns whether this one has changed."""
+        changed = other > self.value
+        self.value = max(self.value, other)
+        return changed
+
+    def stop(self, cause: StopCause, who: str, since_ns: int) -> None:
+        """Begin a safe stop, which the acknowledgement of an earlier one does not cover."""
+        epoch = min(self.value.epoch + 1, LAST_EPOCH)
+        self.merge(Stop(epoch, True, cause, who, since_ns))
+
+    def acknowledge(self, who: str, since_ns: int) -> None:
+        """End the safe stop that this copy knows."""
+        if self.value.stopped and self.value.epoch < LAST_EPOCH:
+            self.value = Stop(self.value.epoch + 1, False, self.value.cause, who, since_ns)
