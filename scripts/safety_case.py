@@ -108,6 +108,15 @@ def _last_run(results: Mapping[str, Any]) -> list[str]:
     return [f"Last run: commit `{results['commit']}`, {results['date']}, `{results['chosen']}`."]
 
 
+def _verdict(counts: Mapping[str, int]) -> str:
+    """One word or two for a requirement; a skipped test shows nothing."""
+    if counts.get("failed"):
+        return "failed"
+    if not counts.get("passed"):
+        return "skipped" if counts.get("skipped") else "not run"
+    return "passed in part" if counts.get("skipped") else "passed"
+
+
 def load_results() -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Outcomes of the tests and reaction times, as they were written last."""
     tests, reactions = (json.loads(path.read_text(encoding="utf-8")) for path in (RESULTS, REACTIONS))
@@ -118,39 +127,46 @@ def with_tables(
     page: str, requirements: Iterable[str], results: Mapping[str, Any], reactions: Mapping[str, Any]
 ) -> str:
     """The page of the safety case with its generated tables as they are now."""
-    totals = [f"{outcome(results, one)}" for one in requirements]
-    failed = [one for one in requirements if "failed" in outcome(results, one)]
-    passed = sum("passed" in total and "failed" not in total for total in totals)
-    summary = f"Passed: {passed} of {len(totals)} requirements; failed: {', '.join(failed) or 'none'}; not run:"
-    summary += f" {', '.join(one for one in requirements if outcome(results, one) == 'not run') or 'none'}."
+    groups: dict[str, list[str]] = {"passed": [], "failed": [], "passed in part": [], "skipped": [], "not run": []}
+    for one in requirements:
+        groups[_verdict(results["requirements"].get(one, {}))].append(one)
+    total, passed = sum(map(len, groups.values())), len(groups.pop("passed"))
+    rest = "; ".join(f"{name}: {', '.join(ones) or 'none'}" for name, ones in groups.items())
+    summary = f"Passed with all their tests: {passed} of {total} requirements; {rest}."
     tables = {"reaction times": reaction_table(reactions), "last run": "\n".join([*_last_run(results), summary])}
     for name, text in tables.items():
-        pattern = rf"(<!-- {name}: begin -->\n\n).*?(\n\n<!-- {name}: end -->)"
-        page = re.sub(pattern, lambda match, text=text: f"{match[1]}{text}{match[2]}", page, flags=re.DOTALL)
+        pattern = rf"(<!-- {name}: begin -->\n).*?(\n<!-- {name}: end -->)"
+        page = re.sub(pattern, lambda match, text=text: f"{match[1]}\n{text}\n{match[2]}", page, flags=re.DOTALL)
     return page
 
 
 def reaction_table(reactions: Mapping[str, Any]) -> str:
     """Measured times as Markdown."""
-    head = (
-        "hazard",
-        "fault",
-        "limit",
-        "safe stop after",
-        "by",
-        "limit passed without",
-        "beyond it",
-        "peak with / without",
-    )
-    lines = [f"| {' | '.join(head)} |", "|---|---|---|---:|---|---:|---:|---:|"]
+    lines = ["| fault | limit | reaction | by | process safety time | peak with / without reaction |"]
+    lines.append("|---|---|---:|---|---:|---:|")
     for row in reactions["rows"]:
         limit = row["limit"].split(" ", 1)
         times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
         by = re.split(r" is trip|: ", row["by"])[0] or "**no reaction**"
         peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
-        cells = [row["hazard"], row["fault"], limit[1], times[0], by, times[1], f"{row['beyond_s']:g} s", peaks]
+        cells = [row["fault"], limit[1], times[0], by, times[1], peaks]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, "", _coverage(reactions["rows"])])
+
+
+def _coverage(rows: Iterable[Mapping[str, Any]]) -> str:
+    """How many faults end well, in words."""
+    never = float("inf")
+    times = [
+        tuple(never if row[key] is None else row[key] for key in ("reaction_s", "process_safety_s")) for row in rows
+    ]
+    in_time = sum(reaction_s <= safety_s for reaction_s, safety_s in times if reaction_s < never)
+    late = sum(safety_s < reaction_s < never for reaction_s, safety_s in times)
+    return (
+        f"Of {len(times)} faults, {in_time} lead to a safe stop before a limit is passed, {late} to one after it"
+        f" and {len(times) - in_time - late} to none: a coverage of {100 * in_time // len(times)} % in time,"
+        f" {100 * (in_time + late) // len(times)} % at all."
+    )
 
 
 def _peak(value: float, unit: str) -> str:
@@ -186,12 +202,13 @@ def publish(arguments: list[str]) -> int:
         print("safety_case.py: commit the changes first: the outcome is published with its commit", file=sys.stderr)
         return 2
     chosen = arguments or ["-m", "requirement and not full"]
+    commit, date = git("rev-parse", "--short=10", "HEAD"), git("show", "-s", "--format=%cs")
     outcomes = _Outcomes()
     code = pytest.main([*chosen, "-q", "-p", "no:cacheprovider"], plugins=[outcomes])
     order = sorted(outcomes.counts, key=lambda one: int(one[1:]))
     content = {
-        "commit": git("rev-parse", "--short=10", "HEAD"),
-        "date": git("show", "-s", "--format=%cs"),
+        "commit": commit,
+        "date": date,
         "chosen": " ".join(f'"{word}"' if " " in word else word for word in ["pytest", *chosen]),
         "requirements": {one: outcomes.counts[one] for one in order},
     }
