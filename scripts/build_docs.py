@@ -453,8 +453,11 @@ def main() -> int:
     pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
     pages[INDEX] = with_navigation(INDEX.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
-    pages[safety_case.TABLE] = f"{NOTE}\n\n{safety_case.table(requirements, tests)}"
-    faults = safety_case.faults(requirements, tests, safety_case.PAGE.read_text("utf-8"))
+    results, reactions = safety_case.load_results()
+    pages[safety_case.TABLE] = f"{NOTE}\n\n{safety_case.table(requirements, tests, results)}"
+    page = safety_case.PAGE.read_text("utf-8")
+    pages[safety_case.PAGE] = safety_case.with_tables(page, requirements, results, reactions)
+    faults = safety_case.faults(requirements, tests, page)
     print(*(f"safety case: {fault}\n" for fault in faults), sep="", end="")
     stale = []
     for path, text in pages.items():

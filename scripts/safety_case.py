@@ -1,23 +1,41 @@
-"""The safety case: each requirement of docs/concepts/safety.yaml with the tests that are marked with it."""
+#!/usr/bin/env python3
+"""The safety case: each requirement of docs/concepts/safety.yaml with its tests and the outcome of their last run.
+
+usage: safety_case.py --publish [pytest arguments]
+
+``--publish`` runs the tests that are marked with a requirement, one after another, and writes the outcome with the
+commit into docs/results/safety_tests.json; arguments choose among them, e.g. ``-m "requirement and not real_time"``.
+Then run ``scripts/build_docs.py``, which writes the pages. It fails on a tree with changes that are not committed.
+"""
 
 from __future__ import annotations
 
 import ast
+import json
 import re
+import subprocess
+import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGE = WORKSPACE / "docs" / "concepts" / "safety.md"
 REQUIREMENTS = PAGE.with_suffix(".yaml")
 TABLE = PAGE.with_name("safety-requirements.md")
+RESULTS = WORKSPACE / "docs" / "results" / "safety_tests.json"
+REACTIONS = RESULTS.with_name("reaction_times.json")
+#: values beyond it are not those of a weld: the model has left the range in which it holds
+_MODEL_HOLDS = {"mm": 10.0, "°C": 1083.0, "kN": 200.0, "N·m": 5000.0}
 TESTS = ("src/*/test", "test", "runtime/*/test")
+KINDS = ("passed", "failed", "skipped")
 HEAD = """# Safety requirements and their tests
 
 The requirements of [the safety case](safety.md), from `docs/concepts/safety.yaml`, each with the tests that are marked
 with it, for example by `@pytest.mark.requirement("S1")`. `scripts/test.py --lint` fails when a requirement has no test,
 when a mark names an unknown requirement, or when a requirement belongs to no hazard of the safety case.
+`scripts/safety_case.py --publish` runs the tests and writes the last column.
 """
 
 
@@ -65,13 +83,144 @@ def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path,
     return found
 
 
-def table(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]]) -> str:
-    """Requirements and their tests as Markdown."""
-    lines = [HEAD, "| | requirement | tests |", "|---|---|---|"]
+def table(
+    requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], results: Mapping[str, Any]
+) -> str:
+    """Requirements, their tests and the last outcome as Markdown."""
+    lines = [HEAD, *_last_run(results), "", "| | requirement | tests | last run |", "|---|---|---|---|"]
     for one, text in requirements.items():
         files: dict[str, list[str]] = {}
         for path, name in sorted(tests.get(one, [])):
             files.setdefault(path.name, []).append(f"`{name}`")
         shown = "<br>".join(f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items())
-        lines.append(f"| {one} | {' '.join(text.split())} | {shown} |")
+        lines.append(f"| {one} | {' '.join(text.split())} | {shown} | {outcome(results, one)} |")
     return "\n".join([*lines, ""])
+
+
+def outcome(results: Mapping[str, Any], requirement: str) -> str:
+    """Outcome of the last run of a requirement's tests, in a few words."""
+    counts = results["requirements"].get(requirement, {})
+    words = [f"{counts[kind]} {kind}" for kind in KINDS if counts.get(kind)]
+    return ", ".join(words) or "not run"
+
+
+def _last_run(results: Mapping[str, Any]) -> list[str]:
+    return [f"Last run: commit `{results['commit']}`, {results['date']}, `{results['chosen']}`."]
+
+
+def _verdict(counts: Mapping[str, int]) -> str:
+    """One word or two for a requirement; a skipped test shows nothing."""
+    if counts.get("failed"):
+        return "failed"
+    if not counts.get("passed"):
+        return "skipped" if counts.get("skipped") else "not run"
+    return "passed in part" if counts.get("skipped") else "passed"
+
+
+def load_results() -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Outcomes of the tests and reaction times, as they were written last."""
+    tests, reactions = (json.loads(path.read_text(encoding="utf-8")) for path in (RESULTS, REACTIONS))
+    return tests, reactions
+
+
+def with_tables(
+    page: str, requirements: Iterable[str], results: Mapping[str, Any], reactions: Mapping[str, Any]
+) -> str:
+    """The page of the safety case with its generated tables as they are now."""
+    groups: dict[str, list[str]] = {"passed": [], "failed": [], "passed in part": [], "skipped": [], "not run": []}
+    for one in requirements:
+        groups[_verdict(results["requirements"].get(one, {}))].append(one)
+    total, passed = sum(map(len, groups.values())), len(groups.pop("passed"))
+    rest = "; ".join(f"{name}: {', '.join(ones) or 'none'}" for name, ones in groups.items())
+    summary = f"Passed with all their tests: {passed} of {total} requirements; {rest}."
+    tables = {"reaction times": reaction_table(reactions), "last run": "\n".join([*_last_run(results), summary])}
+    for name, text in tables.items():
+        pattern = rf"(<!-- {name}: begin -->\n).*?(\n<!-- {name}: end -->)"
+        page = re.sub(pattern, lambda match, text=text: f"{match[1]}\n{text}\n{match[2]}", page, flags=re.DOTALL)
+    return page
+
+
+def reaction_table(reactions: Mapping[str, Any]) -> str:
+    """Measured times as Markdown."""
+    lines = ["| fault | limit | reaction | by | process safety time | peak with / without reaction |"]
+    lines.append("|---|---|---:|---|---:|---:|")
+    for row in reactions["rows"]:
+        limit = row["limit"].split(" ", 1)
+        times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
+        by = re.split(r" is trip|: ", row["by"])[0] or "**no reaction**"
+        peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
+        cells = [row["fault"], limit[1], times[0], by, times[1], peaks]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, "", _coverage(reactions["rows"])])
+
+
+def _coverage(rows: Iterable[Mapping[str, Any]]) -> str:
+    """How many faults end well, in words."""
+    never = float("inf")
+    times = [
+        tuple(never if row[key] is None else row[key] for key in ("reaction_s", "process_safety_s")) for row in rows
+    ]
+    in_time = sum(reaction_s <= safety_s for reaction_s, safety_s in times if reaction_s < never)
+    late = sum(safety_s < reaction_s < never for reaction_s, safety_s in times)
+    return (
+        f"Of {len(times)} faults, {in_time} lead to a safe stop before a limit is passed, {late} to one after it"
+        f" and {len(times) - in_time - late} to none: a coverage of {100 * in_time // len(times)} % in time,"
+        f" {100 * (in_time + late) // len(times)} % at all."
+    )
+
+
+def _peak(value: float, unit: str) -> str:
+    return f"{value:g} {unit}" if abs(value) <= _MODEL_HOLDS[unit] else "unbounded"
+
+
+class _Outcomes:
+    """Counts what becomes of the tests of each requirement: a plugin of pytest."""
+
+    def __init__(self) -> None:
+        self.counts: dict[str, dict[str, int]] = {}
+        self._of: dict[str, list[str]] = {}
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        for item in items:
+            self._of[item.nodeid] = [str(one) for mark in item.iter_markers("requirement") for one in mark.args]
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.when == "call" or report.outcome != "passed":
+            for one in set(self._of.get(report.nodeid, ())):
+                counts = self.counts.setdefault(one, dict.fromkeys(KINDS, 0))
+                counts[report.outcome] += 1
+
+
+def publish(arguments: list[str]) -> int:
+    """Run the tests of all requirements and write the outcome; returns pytest's exit code."""
+    import pytest
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=WORKSPACE, check=True, capture_output=True, text=True).stdout.strip()
+
+    if git("status", "--porcelain", "--untracked-files=no"):
+        print("safety_case.py: commit the changes first: the outcome is published with its commit", file=sys.stderr)
+        return 2
+    chosen = arguments or ["-m", "requirement and not full"]
+    commit, date = git("rev-parse", "--short=10", "HEAD"), git("show", "-s", "--format=%cs")
+    outcomes = _Outcomes()
+    code = pytest.main([*chosen, "-q", "-p", "no:cacheprovider"], plugins=[outcomes])
+    order = sorted(outcomes.counts, key=lambda one: int(one[1:]))
+    content = {
+        "commit": commit,
+        "date": date,
+        "chosen": " ".join(f'"{word}"' if " " in word else word for word in ["pytest", *chosen]),
+        "requirements": {one: outcomes.counts[one] for one in order},
+    }
+    RESULTS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return int(code)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] != ["--publish"]:
+        sys.exit(__doc__)
+    sys.path.insert(0, str(Path(__file__).parent))
+    from _bootstrap import ensure
+
+    ensure(dev=True, extras=["fmu", "machine", "hmi", "canister", "quality"])
+    sys.exit(publish(sys.argv[2:]))

@@ -235,7 +235,7 @@ class Work:
         if step == "accept":
             return load(self._arguments.acceptance, [f"controller={self._arguments.controller}"])
         made = load(self._arguments.experiment)
-        content = yaml.safe_load(made.text)
+        content = content_of(made.text, made.name)
         rest = {"depth_mm": weld.DEPTH_MM, "temperature_c": weld.TEMPERATURE_C}
         content["events"].append({"at_s": made.duration_s, "reference": rest})
         return parse(yaml.safe_dump(content | {"duration_s": made.duration_s + _RETURN_S}), made.name)
@@ -246,7 +246,7 @@ class Work:
         return self._tuned / by_name[self._arguments.controller]
 
     def _parameters(self) -> dict[str, Any]:
-        content = yaml.safe_load(read_text(self._file(), "tuning"))
+        content = content_of(read_text(self._file(), "tuning"), str(self._file()))
         return dict(content[f"fsw_{self._arguments.controller}"]["ros__parameters"])
 
     def _bags(self, step: str) -> list[Path]:

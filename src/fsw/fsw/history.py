@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
@@ -20,6 +19,7 @@ from fsw_quality.monitor_run import process_of, watch
 from fsw_quality.record import data_files, files_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
+from fsw_schema.models import json_content_of, read_text
 
 HISTORY = group(
     "history",
@@ -30,7 +30,7 @@ HISTORY = group(
 
 def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
+        record = json_content_of(read_text(file, "record"), str(file))
         verdict = str(record["verdict"])
         judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
     except (ValueError, KeyError, TypeError):

@@ -16,6 +16,7 @@ from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import Procedure, differences, load, shipped
 from fsw_quality.procedure_limits import check_possible, node_parameters
 from fsw_quality.signature import load_public, sign, signature_path, verify_file
+from fsw_schema.files import read_regular
 from fsw_schema.models import content_of, validate
 
 PROCEDURE = group(
@@ -57,7 +58,7 @@ def signed(arguments: argparse.Namespace) -> int:
     path: Path = arguments.procedure
     target = signature_path(path)
     check_new([target], arguments.force)
-    data = path.read_bytes()
+    data = read_regular(path)
     procedure = validate(Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path))
     write_text(target, sign(data, private_key(arguments)))
     print(f"{_identity(procedure)}\nsignature: {target}")

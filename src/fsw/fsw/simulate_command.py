@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
@@ -35,7 +34,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
-from fsw_schema.yaml_text import load_yaml
+from fsw_schema.models import content_of, read_text
 
 
 @command(
@@ -223,8 +222,8 @@ def _parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
     """Parameters by controller from a parameter file of ROS."""
+    content = content_of(read_text(file, "parameter file"), str(file))
     try:
-        content = load_yaml(file.read_text(encoding="utf-8"))
         return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, TypeError, ValueError):
         raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -107,6 +108,27 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
     assert code == 1
     assert error.startswith("error: ")
     assert error.count("\n") == 1
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (None, "a pipe and not a file; save its content in a file and give that"),
+        ("\n".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9 * (n > 0)}x]" for n in range(9)), "more than 100000 values with"),
+        ("events: " + "[" * 3000 + "]" * 3000, "nested deeper than 50 levels; write it flatter"),
+    ],
+)
+@pytest.mark.parametrize("option", [[], ["quick", "--params-file"]])
+def test_hostile_file_is_one_line_at_once(capsys, tmp_path, option, text, problem):
+    path = tmp_path / "weld.yaml"
+    if text is None:
+        os.mkfifo(path)
+    else:
+        path.write_text(text)
+    code, _, error = run(capsys, "simulate", *option, str(path), "--out", str(tmp_path / "out"))
+    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
+    assert str(path) in error and problem in error
 
 
 @pytest.mark.parametrize(

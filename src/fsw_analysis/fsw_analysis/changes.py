@@ -10,6 +10,7 @@ import numpy.typing as npt
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_schema.yaml_text import load_yaml
 
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
 _GROUP_TICKS = 10
@@ -81,7 +82,7 @@ def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
     """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
     text = signals.attachments.get("scenario.yaml")
     try:
-        content = yaml.safe_load(text) if text else None
+        content = load_yaml(text.decode()) if text else None
         last_s = float(content["duration_s"]) if isinstance(content, dict) else float("inf")
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return signals

@@ -19,6 +19,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_schema.yaml_text import load_yaml
 
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
@@ -180,7 +181,7 @@ def recorded_parameters(attachments: Mapping[str, bytes], namespace: str, contro
     if data is None:
         raise BagError(f"the bag has no parameters of {controller}")
     try:
-        values = yaml.safe_load(data)[node]["ros__parameters"]
+        values = load_yaml(data.decode())[node]["ros__parameters"]
         return {str(key): value for key, value in values.items()}
     except (yaml.YAMLError, KeyError, TypeError, AttributeError, UnicodeDecodeError):
         raise BagError(f"the parameters of {controller} in the bag cannot be read") from None

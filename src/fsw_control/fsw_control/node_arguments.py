@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-import yaml
-
 from fsw_control.parameters import ParameterSpec, require_known
-from fsw_schema.yaml_text import load_yaml
+from fsw_schema.errors import InputError
+from fsw_schema.files import read_regular
+from fsw_schema.yaml_text import content_of
 
 #: parameters that every node has
 _OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -38,12 +37,12 @@ class NodeArguments:
     def check(self, argv: Sequence[str]) -> None:
         """Refuse parameters, by hand or from the node's section of a file, that the node does not have.
 
-        Those of a file's ``/**`` may be for another node. Files that cannot be read are left to ROS.
+        Those of a file's ``/**`` may be for another node. A file that does not exist is left to ROS.
 
         Raises
         ------
         InputError
-            With the names, and similar ones that the node has.
+            With the names, and similar ones that the node has; or a file is no regular one or not valid.
         """
         name = self.node
         for flag, text in _ros_options(argv):
@@ -93,9 +92,13 @@ def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _in_file(path: str, name: str) -> list[str]:
     """Names of the parameters in a node's sections of a parameter file."""
     try:
-        content = load_yaml(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        content = content_of(read_regular(path).decode(), path)
+    except FileNotFoundError:
         return []
+    except OSError as error:
+        raise InputError(f"cannot read parameter file {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"cannot read parameter file {path}: not a text file in UTF-8") from None
     return [parameter for node, values in _sections("", content) if node == name for parameter in _names(values)]
 
 

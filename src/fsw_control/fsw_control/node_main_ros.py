@@ -103,14 +103,14 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
         return 0
     with _Interrupts() as interrupts:
         try:
+            if arguments is not None:
+                arguments.check(argv)  # before ROS opens files: from a pipe it would read for ever
             rclpy.init(args=argv)
             started = True
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0
             if surplus := words[taken:] or [word for word in words if word.startswith("-")]:
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
-            if arguments is not None:
-                arguments.check(argv)
             node = factory(*words)
             interrupts.phase = "spinning"
             _spin(node)

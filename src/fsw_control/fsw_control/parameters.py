@@ -25,11 +25,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from fsw_control import weld
 from fsw_schema.errors import InputError
-from fsw_schema.yaml_text import load_yaml
+from fsw_schema.files import read_regular
+from fsw_schema.yaml_text import content_of
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
@@ -136,10 +135,7 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
     InputError
         When the YAML is broken or describes a parameter wrongly.
     """
-    try:
-        content = load_yaml(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
+    content = content_of(text, where)
     if content is None:
         return {}
     if not isinstance(content, dict):
@@ -166,7 +162,7 @@ def load(package: str, file: str) -> dict[str, ParameterSpec]:
 def load_path(path: str | Path) -> dict[str, ParameterSpec]:
     """Read the parameter descriptions in the file ``path``; errors as :func:`load`."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_regular(path).decode()
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     return parse(text, str(path))

@@ -6,6 +6,8 @@ import os
 import stat
 from pathlib import Path
 
+from fsw_schema.files import open_regular
+
 
 def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
     """Content of a file with a secret, at most its first ``longest_bytes``; ``name`` is the setting that names it.
@@ -16,7 +18,7 @@ def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
         When it cannot be read, or others may read or change it; the message says what to do.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
             content = file.read(longest_bytes)
     except OSError as error:

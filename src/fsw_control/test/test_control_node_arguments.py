@@ -1,5 +1,7 @@
 """The command line of a node: parameters that it does not have, and its help."""
 
+import os
+
 import pytest
 
 from fsw_control import parameters
@@ -46,12 +48,13 @@ def test_wrong_names_are_refused(words):
 @pytest.mark.parametrize(
     ("content", "wrong"),
     [
-        ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", "loop.gian"),
-        ("hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}", "dedaline"),
+        ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", "unknown parameters loop.gian"),
+        ("hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}", "unknown parameters dedaline"),
         ("fsw_other: {ros__parameters: {dedaline: 1.0}}", ""),
         ("/**: {ros__parameters: {dedaline: 1.0}}", ""),
         ("fsw_one: {ros__parameters: {loop: {gain: 1.0}, deadline: 1e-1}}", ""),
-        ("[no, parameter, file", ""),
+        ("[no, parameter, file", "not valid YAML"),
+        ("a: &a [*a]", "alias .a is part of what it stands for"),
     ],
 )
 def test_files(tmp_path, content, wrong):
@@ -61,8 +64,16 @@ def test_files(tmp_path, content, wrong):
     if not wrong:
         ARGUMENTS.check(words)
         return
-    with pytest.raises(InputError, match=f"unknown parameters {wrong}"):
+    with pytest.raises(InputError, match=wrong):
         ARGUMENTS.check(words)
+
+
+@pytest.mark.timeout(30)
+def test_a_pipe_of_parameters_is_refused_before_ros_would_wait_for_it(tmp_path):
+    pipe = tmp_path / "parameters.yaml"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"parameters\.yaml: a pipe and not a file; save its content in a file"):
+        ARGUMENTS.check(["program", "--ros-args", "--params-file", str(pipe)])
 
 
 def test_help():

@@ -166,6 +166,29 @@ def test_rewound_it_computes_the_same_bits(fmus: dict[str, Path], running: Units
     assert run(units, 100) == first
 
 
+@pytest.mark.parametrize("name", fmu.UNITS)
+def test_a_damaged_state_is_refused_wherever_the_damage_is(
+    fmus: dict[str, Path], running: Units, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    unit = running.start(fmus[name])
+    state = unit.fmu.getFMUstate()
+    saved = bytes(unit.fmu.serializeFMUstate(state))
+    unit.fmu.freeFMUstate(state)
+    reasons = ("no state of this FMU", "of a binary for another platform", "its checksum is wrong")
+    places = [*range(200), *range(200, len(saved), max(1, len(saved) // 4000)), len(saved) - 1]
+    for place in places:
+        damaged = bytearray(saved)
+        damaged[place] ^= 1 + place % 255
+        with pytest.raises(fmpy.fmi2.FMICallException):
+            unit.fmu.deSerializeFMUstate(bytes(damaged))
+    lines = capfd.readouterr().out.splitlines()
+    assert len(lines) == len(places) and all(any(reason in line for reason in reasons) for line in lines)
+    for other in (saved[:-1], saved + b"\0", saved[:40], b""):
+        with pytest.raises(fmpy.fmi2.FMICallException):
+            unit.fmu.deSerializeFMUstate(other)
+    unit.fmu.freeFMUstate(unit.fmu.deSerializeFMUstate(saved))
+
+
 def test_instances_do_not_share_anything(fmus: dict[str, Path], running: Units, tmp_path: Path) -> None:
     """Two of each in one binary, stepped in turn, one pair with another set-point."""
     pairs = []

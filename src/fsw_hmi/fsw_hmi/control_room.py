@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import json
 import secrets
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ from fsw_hmi.frames import readable
 from fsw_hmi.logins import WrongLogins
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
-from fsw_schema.models import InputError
+from fsw_schema.models import InputError, json_content_of
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
@@ -179,8 +178,8 @@ class ControlRoom:
     def handle(self, session: Session, text: str | None, now_s: float) -> Verdict:
         """Judge a message of a page; None stands for one that is no text. Never raises."""
         try:
-            request = _Request.model_validate(json.loads(text or ""))
-        except (ValueError, RecursionError):
+            request = _Request.model_validate(json_content_of(text or "", "request"))
+        except ValueError:
             return self._offence(session, None, "the message is no request")
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit

@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from fsw_hmi.alarms import Entry
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
-from fsw_schema.files import write_whole
+from fsw_schema.files import read_regular, write_whole
 
 #: what was kept longer ago is of another weld [s] (chosen)
 _OLD_S = 600.0
@@ -59,7 +59,7 @@ class Keeper:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             if path.exists():
-                state = _KEPT.validate_json(path.read_bytes())
+                state = _KEPT.validate_json(read_regular(path))
                 if not 0.0 <= wall_s - state.wall_s <= _OLD_S:
                     self._warn(f"{path}: kept by the page of another weld, not used")
                     state = None

@@ -6,6 +6,7 @@ import ssl
 from pathlib import Path
 
 from fsw_control.private_file import read_private
+from fsw_schema.files import open_regular
 
 
 def context(certificate: str, key: str) -> ssl.SSLContext | None:
@@ -23,7 +24,7 @@ def context(certificate: str, key: str) -> ssl.SSLContext | None:
         raise ValueError("tls_cert, tls_key: give both or neither")
     cert_file, key_file = Path(certificate).expanduser(), Path(key).expanduser()
     try:
-        cert_file.open("rb").close()
+        open_regular(cert_file).close()
     except OSError as error:
         raise ValueError(f"tls_cert: cannot read {cert_file}: {error.strerror}") from None
     if b"PRIVATE KEY-----" not in read_private("tls_key", key_file):

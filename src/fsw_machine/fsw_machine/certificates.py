@@ -10,6 +10,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 
 from fsw_control.private_file import read_private
 from fsw_machine.machine_file import Security
+from fsw_schema.files import read_regular
 
 
 class SecurityError(ValueError):
@@ -107,6 +108,6 @@ def secret(field: str, path: Path) -> bytes:
 
 def _read(field: str, path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as error:
         raise SecurityError(f"{field}: cannot read {path}: {error.strerror}") from None

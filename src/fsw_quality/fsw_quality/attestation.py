@@ -7,7 +7,6 @@ each by its number, so that a weld that is removed later leaves a hole.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -21,9 +20,9 @@ from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest, read_manifest, sha256
+from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
 from fsw_recorder.manifest_check import Finding, check_files, complete
-from fsw_schema.files import locked, write_whole
+from fsw_schema.files import locked, read_regular, write_whole
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def read_signed(path: Path, trusted: Sequence[PublicKey] | None) -> Signed:
     """
     signature_path = signature.signature_path(path)
     try:
-        data, armoured = path.read_bytes(), signature_path.read_text(encoding="ascii", errors="replace")
+        data, armoured = read_regular(path), read_regular(signature_path).decode("ascii", errors="replace")
     except OSError as error:
         raise InputError(f"{error.filename}: {error.strerror}") from None
     try:
@@ -219,7 +218,7 @@ def _hashes(documents: Sequence[Path]) -> dict[str, str]:
     names = [path.name for path in documents]
     if doubled := next((one for one in names if names.count(one) > 1), None):
         raise InputError(f"two of the files to attest have the name {doubled}, by which they are listed; rename one")
-    return {path.name: sha256(path.read_bytes()) for path in documents}
+    return {path.name: sha256(mapped(path)) for path in documents}
 
 
 def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519PrivateKey) -> None:
@@ -241,7 +240,7 @@ def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: 
         raise BagError(f"{bag}: {MANIFEST_NAME} is not that of weld {entry.content.number} of the chain")
     write_whole(bag / MANIFEST_NAME, manifest_text, durable=True)
     write_whole(bag / ATTESTATION_NAME, entry.data.decode(), durable=True)
-    armoured = signature.signature_path(entry.path).read_text(encoding="ascii")
+    armoured = read_regular(signature.signature_path(entry.path)).decode("ascii")
     write_whole(signature.signature_path(bag / ATTESTATION_NAME), armoured, durable=True)
     return entry.content
 
@@ -280,7 +279,8 @@ def bag_name(path: Path) -> str:
 def software_versions(attachments: Mapping[str, bytes]) -> dict[str, str]:
     """What ``versions.json`` says; empty where there is none."""
     try:
-        return {str(key): str(value) for key, value in json.loads(attachments["versions.json"]).items() if value}
+        content = json_content_of(attachments["versions.json"].decode(), "versions.json")
+        return {str(key): str(value) for key, value in content.items() if value}
     except (KeyError, ValueError, AttributeError):
         return {}
 
@@ -347,7 +347,7 @@ def verify_bag(
     for path in documents:
         if path.name not in attested.documents_sha256:
             found.append(Finding(str(path), f"was not attested with weld {attested.number}"))
-        elif sha256(path.read_bytes()) != attested.documents_sha256[path.name]:
+        elif sha256(mapped(path)) != attested.documents_sha256[path.name]:
             found.append(Finding(str(path), f"is not the file that was attested with weld {attested.number}"))
     if chain is not None:
         here = next((one for one in chain.entries if one.content.number == attested.number), None)
@@ -374,7 +374,7 @@ def _manifest_findings(bag: Path, attested: Attestation) -> list[Finding]:
     """The files of the bag against the manifest that was signed; without that, against their hashes alone."""
     path = bag / MANIFEST_NAME
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
         manifest = read_manifest(bag) if sha256(data) == attested.manifest_sha256 else None
         text = "is not the manifest that was signed"
     except OSError as error:
@@ -384,7 +384,7 @@ def _manifest_findings(bag: Path, attested: Attestation) -> list[Finding]:
     found = [Finding(MANIFEST_NAME, f"{text}; so files are compared as a whole")]
     for name, wanted in attested.files_sha256.items():
         try:
-            same = sha256((bag / name).read_bytes()) == wanted
+            same = sha256(mapped(bag / name)) == wanted
         except OSError as error:
             found.append(Finding(name, str(error.strerror)))
             continue

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -21,6 +20,7 @@ from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_quality.procedure import load
 from fsw_quality.procedure_watch import ProcedureWatch
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+from fsw_schema.yaml_text import load_yaml
 
 _REPORT_S = 1.0
 #: name of a controller's node before the controller's
@@ -68,7 +68,7 @@ class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywher
         return home == self.get_namespace().rstrip("/") and name.startswith(_PREFIX)
 
     def _on_parameters(self, node: str, text: str) -> None:
-        self._take(node, yaml.safe_load(text)[node]["ros__parameters"])
+        self._take(node, load_yaml(text)[node]["ros__parameters"])
 
     def _on_event(self, message: ParameterEvent) -> None:
         changed = [*message.new_parameters, *message.changed_parameters]

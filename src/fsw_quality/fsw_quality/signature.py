@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fsw_schema.files import write_whole
+from fsw_schema.files import read_regular, write_whole
 from fsw_schema.models import InputError
 
 if TYPE_CHECKING:  # of the extra quality
@@ -101,7 +101,7 @@ def load_private(path: Path) -> Ed25519PrivateKey:
             raise InputError(
                 f"key {path}: others may read or change it (mode {stat.S_IMODE(mode):o}); chmod 600 {path}"
             )
-        data = path.read_bytes()
+        data = read_regular(path)
     except OSError as error:
         raise InputError(f"key {path}: {error.strerror}; make one with 'fsw.py bag keygen'") from None
     try:
@@ -127,7 +127,7 @@ def load_public(path: Path) -> PublicKey:
 
     key = None
     try:
-        key = serialization.load_ssh_public_key(path.read_bytes())
+        key = serialization.load_ssh_public_key(read_regular(path))
     except OSError as error:
         raise InputError(f"public key {path}: {error.strerror}; give that of the signer with --key") from None
     except Exception:  # cryptography raises many kinds
@@ -183,13 +183,13 @@ def verify_file(path: Path, trusted: Sequence[PublicKey] | None) -> PublicKey | 
         The signature is damaged, or not of these bytes, or not by a trusted key.
     """
     try:
-        armoured = signature_path(path).read_text(encoding="ascii", errors="replace")
+        armoured = read_regular(signature_path(path)).decode("ascii", errors="replace")
     except FileNotFoundError:
         return None
     except OSError as error:
         raise InputError(f"{signature_path(path)}: {error.strerror}") from None
     try:
-        return verify(path.read_bytes(), armoured, trusted)
+        return verify(read_regular(path), armoured, trusted)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

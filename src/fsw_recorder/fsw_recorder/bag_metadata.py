@@ -13,6 +13,8 @@ import yaml
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import qos_values
 from fsw_recorder.topic import RecordedTopic
+from fsw_schema.files import read_regular
+from fsw_schema.yaml_text import load_yaml
 
 METADATA_NAME = "metadata.yaml"
 #: what rosbag2 calls the start of a bag without messages
@@ -98,13 +100,13 @@ def read_metadata(folder: Path) -> BagMetadata:
     """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
-        raw = path.read_bytes()
+        raw = read_regular(path)
     except FileNotFoundError:
         raise BagError(f"{folder}: {METADATA_NAME} is missing") from None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        information = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))[_ROOT]
+        information = load_yaml(raw.decode())[_ROOT]
         names = information["relative_file_paths"]
         if not isinstance(names, list):
             raise TypeError("relative_file_paths is not a list")

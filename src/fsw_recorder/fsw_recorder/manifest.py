@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import mmap
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -18,6 +19,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from fsw_recorder.clock_source import ClockState
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, Buffer, frames
+from fsw_schema.files import open_regular, read_regular
 from fsw_schema.models import Many, Model, json_content_of, validate
 
 MANIFEST_NAME = "manifest.json"
@@ -148,8 +150,8 @@ def file_pieces(data: Buffer) -> Iterator[Piece]:
 
 def mapped(path: Path) -> Buffer:
     """Content of a file, read as it is needed."""
-    with path.open("rb") as stream:
-        if path.stat().st_size == 0:
+    with open_regular(path) as stream:
+        if os.fstat(stream.fileno()).st_size == 0:
             return b""
         return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
@@ -169,7 +171,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     """
     path = folder / MANIFEST_NAME
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path).decode()
         return validate(Manifest, json_content_of(text, str(path)), str(path))
     except FileNotFoundError:
         return None

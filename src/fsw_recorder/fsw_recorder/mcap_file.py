@@ -28,6 +28,7 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import BagRecord, RecordedTopic
+from fsw_schema.files import open_regular
 
 #: most messages that wait for earlier ones in chunks that overlap in time
 _MOST_WAITING = 1_000_000
@@ -68,7 +69,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pieces: list[_Piece] = []
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             magic = stream.read(len(MAGIC))
             if not magic:
                 raise BagError(f"{path}: the file is empty")

@@ -14,6 +14,7 @@ from itertools import chain, count
 from pathlib import Path
 
 from fsw_recorder.errors import BagError
+from fsw_schema.files import open_regular
 
 _DISTRIBUTIONS = ("fsw-control", "rclpy-embedded", "mcap", "numpy", "casadi", "cyclonedds", "rosbags")
 #: packages that decide what is commanded, with the suffixes of their sources
@@ -67,11 +68,12 @@ def _code_sha256(package: str) -> str:
 def read_attachment(path: str) -> bytes:
     """Contents of a file to attach; a `BagError` when it cannot be read or is too large."""
     try:
-        data = Path(path).expanduser().read_bytes()
+        with open_regular(Path(path).expanduser()) as file:
+            data = file.read(_MAX_ATTACHMENT_BYTES + 1)
     except OSError as error:
         raise BagError(f"{path}: cannot be attached to the bag: {error.strerror}") from None
     if len(data) > _MAX_ATTACHMENT_BYTES:
-        raise BagError(f"{path}: {len(data)} bytes, more than the {_MAX_ATTACHMENT_BYTES} allowed for an attachment")
+        raise BagError(f"{path}: more than the {_MAX_ATTACHMENT_BYTES} bytes allowed for an attachment")
     return data
 
 

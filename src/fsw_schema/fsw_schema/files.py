@@ -1,13 +1,62 @@
-"""Files that this software keeps for a user: where what can be made anew is, and how a file appears whole."""
+"""Files: how a user's file is read within bounds, where the cache is, and how a new file appears whole."""
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
+
+#: most bytes of a file that is read at once; as JSON that is at most some 400 MB in memory
+LONGEST_BYTES = 16 * 2**20
+_KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+
+
+def open_regular(path: str | Path) -> BinaryIO:
+    """Open a regular file for reading; never waits, as for the other end of a pipe.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is no regular file; ``strerror`` says what to do.
+    """
+    _check_regular(path, os.stat(path).st_mode)  # opening a pipe or a device would already act on it
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        _check_regular(path, os.fstat(descriptor).st_mode)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def _check_regular(path: str | Path, mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, f"{os.strerror(errno.EISDIR)}; give a file", str(path))
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
+        raise OSError(errno.EINVAL, f"{kind} and not a file; save its content in a file and give that", str(path))
+
+
+def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
+    """Content of a regular file.
+
+    Raises
+    ------
+    OSError
+        As of :func:`open_regular`, or it is longer than ``longest_bytes``.
+    """
+    with open_regular(path) as file:
+        size_bytes = os.fstat(file.fileno()).st_size
+        content = file.read(longest_bytes + 1) if size_bytes <= longest_bytes else b""
+    if max(size_bytes, len(content)) > longest_bytes:
+        raise OSError(errno.EINVAL, f"larger than {longest_bytes} bytes; give a smaller file", str(path))
+    return content
 
 
 def user_cache(name: str) -> Path:

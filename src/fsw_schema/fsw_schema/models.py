@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from textwrap import dedent
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
-import yaml
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -33,10 +31,14 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from fsw_schema.errors import InputError as InputError
+from fsw_schema.files import read_regular
 from fsw_schema.ranges import Range
-from fsw_schema.yaml_text import load_yaml
+from fsw_schema.yaml_text import content_of as content_of
+from fsw_schema.yaml_text import json_content_of as json_content_of
 
 _MOST_PROBLEMS = 10
+#: similar names are searched for in so many errors; a large file of another kind has tens of thousands
+_MOST_COMPARED = 200
 _NAME = "^[A-Za-z0-9_]+$"
 #: what a value is not, by pydantic's type of error
 _KINDS = {
@@ -151,42 +153,12 @@ def validate(model: type[M], content: Any, where: str) -> M:
     try:
         return model.model_validate(content, context=models)
     except ValidationError as error:
-        problems = list(dict.fromkeys(_problem(one, content, models) for one in error.errors(include_url=False)))
+        first = islice(error.errors(include_url=False), _MOST_COMPARED)
+        problems = list(dict.fromkeys(_problem(one, content, models) for one in first))
         if len(problems) > _MOST_PROBLEMS:
-            problems[_MOST_PROBLEMS:] = [f"and {len(problems) - _MOST_PROBLEMS} more"]
+            more = len(problems) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
+            problems[_MOST_PROBLEMS:] = [f"and {more} more"]
         raise InputError(f"{where}: {'; '.join(_known_once(problems))}") from None
-
-
-def content_of(text: str, where: str) -> Any:
-    """Content of YAML text.
-
-    Raises
-    ------
-    InputError
-        If it is not valid or gives a key twice; the message says where.
-    """
-    try:
-        return load_yaml(text)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise InputError(f"{where}{line}: not valid YAML: {error.problem or 'broken'}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-
-
-def json_content_of(text: str, where: str) -> Any:
-    """Content of JSON text.
-
-    Raises
-    ------
-    InputError
-        If it is not valid; the message says where.
-    """
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{where}: not valid JSON: {error}") from None
 
 
 def shipped_names(folder: Path) -> list[str]:
@@ -207,7 +179,7 @@ def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str
     try:
         if shipped and str(source) in names and not file.is_file():
             file = shipped / f"{source}.yaml"
-        return file.read_text(encoding="utf-8")
+        return read_regular(file).decode().replace("\r\n", "\n")
     except OSError as error:
         near = get_close_matches(str(source), names, 1)
         known = f"; give a YAML file or one of {', '.join(names)}" if names else ""

@@ -3,12 +3,13 @@
 import errno
 import fcntl
 import os
+import socket
 import stat
 from pathlib import Path
 
 import pytest
 
-from fsw_schema.files import locked, replacing, user_cache, write_whole
+from fsw_schema.files import locked, open_regular, read_regular, replacing, user_cache, write_whole
 
 
 @pytest.mark.parametrize(
@@ -84,3 +85,29 @@ def test_only_one_at_a_time_works_in_a_folder(tmp_path):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(other)
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize("read", [open_regular, read_regular])
+def test_only_regular_files_are_opened_and_nothing_waits(tmp_path, read):
+    pipe, socket_path = tmp_path / "pipe", tmp_path / "socket"
+    os.mkfifo(pipe)
+    places = [(pipe, "a pipe and not a file; save"), ("/dev/zero", "a device and not a file; save")]
+    places += [(tmp_path, "Is a directory; give a file"), (tmp_path / "none", "No such file")]
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(socket_path))
+        for path, problem in [*places, (socket_path, "a socket and not a file; save")]:
+            with pytest.raises(OSError, match=problem) as raised:
+                read(path)
+            assert raised.value.filename == str(path)
+
+
+def test_file_is_read_up_to_a_bound(tmp_path):
+    path = tmp_path / "weld.yaml"
+    path.write_bytes(b"a: 1")
+    (tmp_path / "link").symlink_to(path)
+    assert read_regular(path, 4) == read_regular(str(tmp_path / "link")) == b"a: 1"
+    with pytest.raises(OSError, match="larger than 3 bytes; give a smaller file"):
+        read_regular(path, 3)
+    with pytest.raises(OSError, match="larger than 3 bytes"):  # files of /proc have no size before they are read
+        read_regular("/proc/self/status", 3)

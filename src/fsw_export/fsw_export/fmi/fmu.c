@@ -4,6 +4,7 @@
  * of it. Errors are logged in one line each, whether debug logging is on or not. */
 #include <math.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,8 +43,11 @@ typedef struct {
 
 /* where the variables of a type are */
 #define AT(member) (offsetof(fmu, state) + offsetof(fmu_state, member))
-/* serialized: the guid of the sources, then the state */
-#define SERIALIZED (sizeof FMU_GUID + sizeof(fmu_state))
+/* serialized: the guid of the sources, the size of the state, a checksum of all the rest, then the state */
+#define SIZE_AT (sizeof FMU_GUID)
+#define CHECKSUM_AT (SIZE_AT + sizeof(uint64_t))
+#define STATE_AT (CHECKSUM_AT + sizeof(uint32_t))
+#define SERIALIZED (STATE_AT + sizeof(fmu_state))
 
 static fmi2Status refuse(const fmu *f, const char *message) {
   if (f->callbacks->logger)
@@ -263,6 +267,21 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
   return fmi2OK;
 }
 
+/* CRC-32 of IEEE 802.3 without a table: finds every damage of up to 32 bits in a row. */
+static uint32_t crc32(uint32_t crc, const fmi2Byte bytes[], size_t size) {
+  size_t n;
+  int bit;
+  for (n = 0; n < size; n++) {
+    crc ^= (unsigned char)bytes[n];
+    for (bit = 0; bit < 8; bit++) crc = (crc >> 1) ^ (crc & 1 ? 0xEDB88320u : 0u);
+  }
+  return crc;
+}
+
+static uint32_t checksum(const fmi2Byte bytes[]) {
+  return ~crc32(crc32(0xFFFFFFFFu, bytes, CHECKSUM_AT), bytes + STATE_AT, sizeof(fmu_state));
+}
+
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
   if (!c || !state || !size) return fmi2Error;
   *size = SERIALIZED;
@@ -270,20 +289,32 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-  if (!c || !state) return fmi2Error;
+  const uint64_t state_size = sizeof(fmu_state);
+  uint32_t sum;
+  if (!c || !state || !bytes) return fmi2Error;
   if (size < SERIALIZED) return refuse(c, "fmi2SerializeFMUstate: not enough room, see fmi2SerializedFMUstateSize");
   memcpy(bytes, FMU_GUID, sizeof FMU_GUID);
-  memcpy(bytes + sizeof FMU_GUID, state, sizeof(fmu_state));
+  memcpy(bytes + SIZE_AT, &state_size, sizeof state_size);
+  memcpy(bytes + STATE_AT, state, sizeof(fmu_state));
+  sum = checksum(bytes);
+  memcpy(bytes + CHECKSUM_AT, &sum, sizeof sum);
   return fmi2OK;
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-  if (!c || !state) return fmi2Error;
-  if (size != SERIALIZED || memcmp(bytes, FMU_GUID, sizeof FMU_GUID) != 0)
+  uint64_t state_size;
+  uint32_t sum;
+  if (!c || !state || !bytes) return fmi2Error;
+  if (size < STATE_AT || memcmp(bytes, FMU_GUID, sizeof FMU_GUID) != 0)
     return refuse(c, "fmi2DeSerializeFMUstate: this is no state of this FMU (" FMU_GUID ")");
+  memcpy(&state_size, bytes + SIZE_AT, sizeof state_size);
+  if (size != SERIALIZED || state_size != sizeof(fmu_state))
+    return refuse(c, "fmi2DeSerializeFMUstate: the state is cut, or of a binary for another platform");
+  memcpy(&sum, bytes + CHECKSUM_AT, sizeof sum);
+  if (sum != checksum(bytes)) return refuse(c, "fmi2DeSerializeFMUstate: the state is damaged, its checksum is wrong");
   if (!*state) *state = malloc(sizeof(fmu_state));
   if (!*state) return refuse(c, "fmi2DeSerializeFMUstate: no memory");
-  memcpy(*state, bytes + sizeof FMU_GUID, sizeof(fmu_state));
+  memcpy(*state, bytes + STATE_AT, sizeof(fmu_state));
   return fmi2OK;
 }
 
