@@ -73,7 +73,15 @@ _SUPERVISOR = {
     "first_report_wait_s": 0.2,
     "safe_force_kn": 75.0,
     "safe_rate_kn_per_s": 10.0,
-    "blind_limit_s": 3600.0,  # has tests of its own
+    # These have tests of their own: here the drives move at once, which no process does.
+    "blind_limit_s": 3600.0,
+    "validity.torque.max_jump": 1000.0,
+    **{
+        f"interlocks.{value}_model_{side}.{level}": sign * limit
+        for value in ("torque", "depth", "temperature")
+        for side, sign in (("low", -1.0), ("high", 1.0))
+        for level, limit in (("warn", 900.0), ("trip", 1000.0))
+    },
 }
 _PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
