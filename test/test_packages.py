@@ -29,7 +29,7 @@ MAY_IMPORT = {
     "fsw_decentral": {"fsw_schema", "fsw_control"},
     "fsw_plant": {"fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_msgs"},
     "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
-    "fsw_supervisor": {"fsw_control", "fsw_msgs"},
+    "fsw_supervisor": {"fsw_control", "fsw_model", "fsw_msgs"},
     "fsw_recorder": {"fsw_schema", "fsw_control"},
     "fsw_analysis": {"fsw_schema", "fsw_recorder", "fsw_control", "fsw_model", "fsw_canister"},
     "fsw_identification": {"fsw_schema", "fsw_analysis", "fsw_control", "fsw_model"},

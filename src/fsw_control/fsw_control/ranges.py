@@ -12,7 +12,10 @@ from fsw_schema.ranges import Range
 REFERENCE_DEPTH_MM = Range(1.5, 4.0, "mm")
 REFERENCE_TEMPERATURE_C = Range(750.0, 950.0, "degC")
 #: the supervisor's interlocks against low and high values of what has a set-point
-SET_POINT_INTERLOCKS = {"depth_mm": ("", "depth_high"), "temperature_c": ("temperature_low", "temperature_high")}
+SET_POINT_INTERLOCKS = {
+    "depth_mm": ("depth_low", "depth_high"),
+    "temperature_c": ("temperature_low", "temperature_high"),
+}
 #: how fast a ramp of the set-points may be, chosen
 WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S = 0.02, 1.0
 #: commands by hand, as far as the drives go

@@ -1,10 +1,11 @@
-"""Whether a sensor's samples may be used: finite, in range, not too fast, not frozen, not missing."""
+"""Whether a sensor's samples may be used: finite, in range, not too fast, no jump, not frozen, not missing."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, NamedTuple
 
 from fsw_control.contract import SENSORS, Command, Measurement
@@ -26,6 +27,20 @@ _DEVIATIONS = 3.0
 _LEAST_ELAPSED_S = 0.05
 #: samples over which the noise and the share of equal neighbours are averaged
 _MEMORY = 150
+#: share of the expected noise below which a signal's changes are rounding or quantisation, and no noise (chosen)
+_QUIET_SHARE = 0.2
+
+
+class Flaw(StrEnum):
+    """Why a sample is not used."""
+
+    MISSING = "missing"
+    NOT_FINITE = "not finite"
+    OUT_OF_RANGE = "out of range"
+    FROZEN = "frozen"
+    TOO_FAST = "too fast"
+    RECOVERING = "recovering"
+    JUMPED = "jumped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +48,10 @@ class SensorLimits:
     """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
-    row agree with each other. As many are needed to become valid again.
+    row agree with each other. As many are needed to become valid again. If they agree on a value that is further than
+    ``max_jump`` (per second, in the first second as a whole) from the last good one, the sensor has jumped: it stays
+    invalid until it returns or is readmitted. A sensor whose changes are far below its ``noise`` (standard deviation)
+    is never judged to be frozen.
     """
 
     minimum: float
@@ -42,6 +60,8 @@ class SensorLimits:
     hold_s: float
     frozen_samples: int
     confirm_samples: int
+    max_jump: float = math.inf
+    noise: float = 0.0
 
 
 def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLimits]:
@@ -62,6 +82,9 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
             hold_s=values["validity.hold"],
             frozen_samples=values["validity.frozen_samples"],
             confirm_samples=values["validity.confirm_samples"],
+            # only the supervisor has it: the others believe a jump, because they cannot be acknowledged
+            max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
+            noise=values.get(f"validity.{sensor}.noise", 0.0),  # bags of earlier versions lack it
         )
         for sensor in SENSORS
     }
@@ -86,8 +109,9 @@ class Reading(NamedTuple):
 class Frozen:
     """Distinguishes a frozen sensor from one whose quantised or noise-free signal happens to stand still.
 
-    A run of equal samples is suspicious only where the signal was noisy before, and only when the run is
-    longer than the share of equal neighbours seen before makes likely.
+    A run of equal samples is suspicious only where the signal was noisy before, with changes of the size of the noise
+    that is expected of the sensor, and only when the run is longer than the share of equal neighbours seen before makes
+    likely.
     """
 
     def __init__(self) -> None:
@@ -97,13 +121,17 @@ class Frozen:
         self._count = 0
         self._equal = 0.0
         self._reversed = 0.0
+        self._change = 0.0  # mean, of neighbours that differ
 
-    def update(self, value: float, samples: int) -> bool:
-        """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never)."""
+    def update(self, value: float, samples: int, noise: float = 0.0) -> bool:
+        """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never).
+
+        ``noise`` is the standard deviation that is expected of the sensor: one that was far quieter is not judged.
+        """
         last = self._last
         if abs(value - last) <= _ROUNDING * abs(value):
             self._run += 1
-            return self._is_frozen(samples)
+            return self._change >= _QUIET_SHARE * noise and self._is_frozen(samples)
         # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
         # a freeze must not count as a normal standstill.
         if self._run:
@@ -116,6 +144,7 @@ class Frozen:
             weight = self._weight()
             self._equal -= self._equal * weight
             self._reversed += ((rising != self._rising) - self._reversed) * weight
+            self._change += (abs(value - last) - self._change) * weight
         self._rising, self._last = rising, value
         return False
 
@@ -138,9 +167,11 @@ class SensorValidity:
 
     def __init__(self, limits: SensorLimits) -> None:
         self.limits = limits
+        self.jumped = False  #: it stays away from where it was, further than anything explains
+        self.last_good = math.nan  #: the last sample that was used
         self._frozen = Frozen()
-        self._good = math.nan
         self._good_s = -math.inf
+        self._reach = math.inf
         self._candidate = math.nan
         self._candidate_s = -math.inf
         self._agreeing = 0
@@ -148,43 +179,69 @@ class SensorValidity:
 
     def update(self, time_s: float, value: float | None) -> Reading:
         """Judge the sample of the tick at ``time_s``; None: none came."""
+        flaw = self._flaw(time_s, value)
+        if flaw is None:
+            assert value is not None
+            self._accept(time_s, value)
+            return Reading(value, True)
+        if flaw not in (Flaw.TOO_FAST, Flaw.RECOVERING, Flaw.JUMPED):
+            self._agreeing = 0
+        bridged = self._valid and flaw not in (Flaw.FROZEN, Flaw.JUMPED)
+        if bridged and time_s - self._good_s <= self.limits.hold_s + 1e-9:
+            return Reading(self.last_good, True, f"{flaw}, held", held=True)
+        self._valid = False
+        return Reading(math.nan, False, flaw)
+
+    def readmit(self) -> bool:
+        """Believe a sensor that has jumped, as acknowledged by the operator; returns whether it is steady enough."""
+        if not self.jumped or self._agreeing < self.limits.confirm_samples:
+            return False
+        self._accept(self._candidate_s, self._candidate)
+        return True
+
+    def begun_again(self) -> SensorValidity:
+        """A fresh judge of the same sensor, for a clock that went back; only a jump outlasts that."""
+        fresh = SensorValidity(self.limits)
+        if self.jumped:
+            fresh.jumped, fresh.last_good, fresh._reach = True, self.last_good, self._reach
+        return fresh
+
+    def _accept(self, time_s: float, value: float) -> None:
+        self.last_good, self._good_s, self._valid = value, time_s, True
+        self._agreeing, self.jumped = 0, False
+
+    def _flaw(self, time_s: float, value: float | None) -> Flaw | None:
+        """Why a sample may not be used; None if it may."""
         limits = self.limits
         if value is None:
-            fault = "missing"
-        elif not math.isfinite(value):
-            fault = "not finite"
-        else:
-            frozen = self._frozen.update(value, limits.frozen_samples)
-            if not limits.minimum <= value <= limits.maximum:
-                fault = "out of range"
-            elif frozen:
-                fault = "frozen"
-            elif not (
-                self._valid
-                and abs(value - self._good) <= limits.max_rate * max(time_s - self._good_s, _LEAST_ELAPSED_S)
-            ) and self._jumps(time_s, value):
-                fault = "too fast" if self._valid else "recovering"
-            else:
-                self._agreeing = 0
-                self._good, self._good_s, self._valid = value, time_s, True
-                return Reading(value, True)
-        if fault not in ("too fast", "recovering"):
-            self._agreeing = 0
-        if self._valid and fault != "frozen" and time_s - self._good_s <= limits.hold_s + 1e-9:
-            return Reading(self._good, True, f"{fault}, held", held=True)
-        self._valid = False
-        return Reading(math.nan, False, fault)
+            return Flaw.MISSING
+        if not math.isfinite(value):
+            return Flaw.NOT_FINITE
+        frozen = self._frozen.update(value, limits.frozen_samples, limits.noise)
+        if not limits.minimum <= value <= limits.maximum:
+            return Flaw.OUT_OF_RANGE
+        if frozen:
+            return Flaw.FROZEN
+        if not math.isfinite(self.last_good):  # the first sample
+            return None
+        change, elapsed_s = abs(value - self.last_good), time_s - self._good_s
+        reach = self._reach if self.jumped else limits.max_jump * max(elapsed_s, 1.0)
+        if self._valid and change <= min(limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S), reach):
+            return None
+        if not self._agrees(time_s, value):
+            return Flaw.JUMPED if self.jumped else Flaw.TOO_FAST if self._valid else Flaw.RECOVERING
+        if change <= reach:
+            return None
+        self.jumped, self._reach = True, reach
+        return Flaw.JUMPED
 
-    def _jumps(self, time_s: float, value: float) -> bool:
-        """Whether a value far from the last good one is a jump, until enough samples in a row agree that it is real."""
-        if not math.isfinite(self._good):  # the first sample
-            return False
-        largest_rate = self.limits.max_rate
+    def _agrees(self, time_s: float, value: float) -> bool:
+        """Whether enough samples in a row agree with each other, this one included."""
         elapsed_s = max(time_s - self._candidate_s, _LEAST_ELAPSED_S)
-        agrees = self._agreeing and abs(value - self._candidate) <= largest_rate * elapsed_s
+        agrees = self._agreeing and abs(value - self._candidate) <= self.limits.max_rate * elapsed_s
         self._agreeing = self._agreeing + 1 if agrees else 1
         self._candidate, self._candidate_s = value, time_s
-        return self._agreeing < self.limits.confirm_samples
+        return self._agreeing >= self.limits.confirm_samples
 
 
 class SensorGuard:
@@ -196,8 +253,21 @@ class SensorGuard:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, as at a restart of time."""
+        """Forget the past, as at a start."""
         self._sensors = {name: SensorValidity(self._limits[name]) for name in SENSORS}
+
+    def forget_time(self) -> None:
+        """Forget the past, as at a restart of time, but no jump."""
+        self._sensors = {name: sensor.begun_again() for name, sensor in self._sensors.items()}
+
+    @property
+    def jumped(self) -> dict[str, float]:
+        """Sensors that have jumped, with their last good value: invalid until they return or are readmitted."""
+        return {name: sensor.last_good for name, sensor in self._sensors.items() if sensor.jumped}
+
+    def readmit(self) -> dict[str, float]:
+        """Believe the sensors that have jumped and are steady, as the operator acknowledges; with their values."""
+        return {name: sensor.last_good for name, sensor in self._sensors.items() if sensor.readmit()}
 
     def configure(self, limits: dict[str, SensorLimits]) -> None:
         """Use other limits from now on; the history stays."""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fsw_control.contract import SENSORS, Command, Measurement
 from fsw_control.parameters import defaults, load
-from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
+from fsw_control.validity import Flaw, Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 
@@ -55,6 +55,87 @@ def test_a_step_that_stays_is_believed_after_three_samples():
     assert [reading.value for reading in readings] == [1.0, 1.0, 1.0, 1.0, 5.5, 5.5]
 
 
+JUMP = replace(LIMITS, max_jump=0.5)
+
+
+@pytest.mark.requirement("S35")
+@pytest.mark.parametrize("shown", [0.66, 4.66, 3.2])
+def test_a_jump_stays_invalid_however_long_it_lasts(shown):
+    sensor = SensorValidity(JUMP)
+    readings = feed(sensor, [2.66] * 5 + [shown] * 3000)
+    assert [reading.value for reading in readings[5:7]] == [2.66] * 2, "a spike is bridged"
+    assert not any(reading.valid for reading in readings[7:])
+    assert {reading.reason for reading in readings[7:]} == {Flaw.JUMPED}
+    assert sensor.jumped
+
+
+@pytest.mark.requirement("S35")
+@pytest.mark.parametrize("step", [0.67, 0.55])
+def test_a_jump_that_is_spread_over_some_samples_is_one(step):
+    readings = feed(SensorValidity(JUMP), [2.66] * 5 + [2.66 - step, 2.66 - 2 * step] + [2.66 - 3 * step] * 20)
+    assert not any(reading.valid and not reading.held for reading in readings[5:])
+    assert readings[-1].reason == Flaw.JUMPED
+
+
+def test_a_jump_that_no_limit_forbids_is_believed():
+    readings = feed(SensorValidity(JUMP), [2.66] * 5 + [2.76] * 5)
+    assert all(reading.valid and not reading.held for reading in readings)
+
+
+@pytest.mark.requirement("S35")
+@pytest.mark.parametrize("between", [[], [None] * 600, [math.nan] * 600, [7.0] * 600])
+def test_a_sensor_that_has_jumped_is_believed_where_it_was_before_or_once_readmitted(between):
+    sensor = SensorValidity(JUMP)
+    feed(sensor, [2.66] * 5 + [4.66] * 5 + between)
+    back = len(between) + 10
+    readings = feed(sensor, [4.0] * 5, back)
+    assert not any(reading.valid for reading in readings)
+    assert sensor.readmit()
+    assert feed(sensor, [4.0], back + 5)[0].valid and not sensor.jumped
+
+    sensor = SensorValidity(JUMP)
+    feed(sensor, [2.66] * 5 + [4.66] * 5 + between)
+    assert [reading.valid for reading in feed(sensor, [2.8] * 4, back)] == [False, False, True, True]
+    assert not sensor.jumped
+
+
+@pytest.mark.requirement("S35")
+@pytest.mark.parametrize("last", [None, math.nan, 9.0, 4.0])
+def test_a_sensor_that_is_not_steady_is_not_readmitted(last):
+    sensor = SensorValidity(JUMP)
+    feed(sensor, [2.66] * 5 + [4.66] * 5 + [1.0, last])
+    assert not sensor.readmit()
+    assert sensor.jumped
+
+
+def test_a_sensor_that_has_not_jumped_is_not_readmitted():
+    sensor = SensorValidity(JUMP)
+    feed(sensor, [2.66] * 5 + [None] * 10)
+    assert not sensor.readmit()
+
+
+def test_a_longer_loss_explains_a_greater_change():
+    for lost, valid in ((9, False), (19, True)):
+        sensor = SensorValidity(JUMP)
+        readings = feed(sensor, [2.66] * 5 + [None] * lost + [3.6] * 3)
+        assert readings[-1].valid == valid
+
+
+@pytest.mark.requirement("S15", "S35")
+def test_a_jump_outlasts_a_clock_that_goes_back():
+    guard = SensorGuard(dict.fromkeys(SENSORS, JUMP))
+    for k in range(10):
+        guard.measure(1000.0 + 0.1 * k, dict.fromkeys(SENSORS, 2.66) | {"depth": 2.66 if k < 5 else 0.66})
+    guard.forget_time()
+    for k in range(10):
+        measurement = guard.measure(0.1 * k, dict.fromkeys(SENSORS, 2.0) | {"depth": 0.66})
+    assert guard.jumped == {"depth": 2.66}
+    assert measurement.invalid_sensors() == ("depth",)
+    assert guard.readmit() == {"depth": 0.66}
+    assert guard.jumped == {}
+    assert guard.readmit() == {}
+
+
 def test_after_a_failure_three_good_samples_are_needed():
     sensor = SensorValidity(LIMITS)
     feed(sensor, [2.66] + [None] * 10)
@@ -90,6 +171,28 @@ def test_still_or_smooth_signals_without_noise_are_no_freeze():
     still = [2.66] * 500
     smooth = [round(2.66 + 0.2 * (1.0 - math.exp(-k / 100.0)), 3) for k in range(3000)]
     assert not any(frozen.update(value, 10) for value in still + smooth + still)
+
+
+@given(
+    quantum=st.sampled_from([1e-12, 1e-9, 1e-6, 1e-5, 1e-4]),
+    moves=st.lists(st.tuples(st.integers(-1, 1), st.integers(1, 60)), min_size=1, max_size=40),
+    start=st.floats(0.5, 5.5),
+)
+def test_dither_far_below_the_expected_noise_is_no_freeze(quantum, moves, start):
+    """A simulation without noise toggles by rounding or one step of its resolution, and then stands still."""
+    frozen, value = Frozen(), start
+    dither = [start + quantum * (k % 2) for k in range(40)]
+    assert not any(frozen.update(one, 10, 0.002) for one in dither)
+    for direction, count in moves:
+        value += direction * quantum
+        assert not any(frozen.update(value, 10, 0.002) for _ in range(count))
+
+
+def test_a_tenth_of_the_expected_noise_is_not_judged_and_half_of_it_is():
+    for noise, found in ((0.0002, False), (0.001, True)):
+        values = noisy(200, 1e-9, noise=noise)
+        frozen = Frozen()
+        assert any(frozen.update(value, 10, 0.002) for value in values + [values[-1]] * 100) == found
 
 
 def test_zero_switches_the_frozen_test_off():
@@ -210,9 +313,12 @@ def test_limits_and_measurement_have_every_value_at_its_place():
     changed = values | {"validity.hold": 0.7, "validity.frozen_samples": 33, "validity.confirm_samples": 4}
     for number, sensor in enumerate(SENSORS):
         ends = {"minimum": -1.0 - number, "maximum": 1.0 + number, "max_rate": 2.0 + number}
+        ends |= {"max_jump": 3.0 + number, "noise": 4.0 + number}
         changed |= {f"validity.{sensor}.{name}": value for name, value in ends.items()}
     limits = sensor_limits(changed)
-    assert limits == {s: SensorLimits(-1.0 - n, 1.0 + n, 2.0 + n, 0.7, 33, 4) for n, s in enumerate(SENSORS)}
+    assert limits == {
+        s: SensorLimits(-1.0 - n, 1.0 + n, 2.0 + n, 0.7, 33, 4, 3.0 + n, 4.0 + n) for n, s in enumerate(SENSORS)
+    }
     guard = SensorGuard(limits)
     assert guard.reasons == dict.fromkeys(SENSORS, "")
     samples = dict(zip(SENSORS, (0.9, 1.9, 2.9), strict=True))

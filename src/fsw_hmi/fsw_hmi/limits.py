@@ -31,7 +31,7 @@ from fsw_schema.ranges import Range
 QUALITY_DEPTH_MM = (-weld.QUALITY_DEPTH_MM, weld.QUALITY_DEPTH_MM)
 QUALITY_TEMPERATURE_C = (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
 #: scales, chosen
-_TORQUE_NM, _POWER_KW = Range(500.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
+_TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
 #: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high values
 _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "depth_mm": (
@@ -46,7 +46,7 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     ),
     "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
     "speed_rpm": (COMMAND_SPEED_RPM, {}, "", ""),
-    "torque_nm": (_TORQUE_NM, {}, "", "torque_high"),
+    "torque_nm": (_TORQUE_NM, {}, "torque_low", "torque_high"),
     "power_kw": (_POWER_KW, {}, "", "power_high"),
 }
 _LEVELS = ("warn", "trip")

@@ -74,7 +74,7 @@ def test_summary_tells_phases_events_and_figures(bag: Path) -> None:
 
 def test_limits_are_those_that_the_supervisor_was_recorded_with(bag: Path) -> None:
     [shown] = load([bag])
-    assert shown.limits["depth_mm"]["warn"] == [None, 3.4]
+    assert shown.limits["depth_mm"]["warn"] == [1.7, 3.4]
     assert shown.summary["problems"] == []
 
 

@@ -14,7 +14,11 @@ from fsw_recorder.after_recording import BAG
 from fsw_schema.models import InputError
 
 #: the supervisor's interlock against too low or too high values, by variable
-_LOW: dict[Variable, str] = {"temperature_c": "temperature_low"}
+_LOW: dict[Variable, str] = {
+    "temperature_c": "temperature_low",
+    "depth_mm": "depth_low",
+    "torque_nm": "torque_low",
+}
 _HIGH: dict[Variable, str] = {
     "temperature_c": "temperature_high",
     "depth_mm": "depth_high",

@@ -121,12 +121,13 @@ class OperatorRequests:
     def acknowledge(self, who: str) -> tuple[bool, str]:
         """Acknowledge the safe stop, so that it may be left; returns success and the reason in words.
 
-        Refused while a cause is there, or a sensor is invalid that could show it. Either voids it later, and so does
-        another safe stop. Refused as well until the actuator end reports the same safe stop: it may have one of its own
-        that nobody has seen yet.
+        It also acknowledges what a sensor shows that has jumped. Refused while a cause is there, or a sensor is invalid
+        that could show it. Either voids it later, and so does another safe stop. Refused as well until the actuator end
+        reports the same safe stop: it may have one of its own that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return False, "refused: there is no safe stop to acknowledge"
+        self.safety.readmit(who)
         if why_stop := self._why_stop():
             message = f"refused: {why_stop}"
             self.machine.log(Level.WARN, who, f"acknowledge: {message}")

@@ -1,4 +1,11 @@
-"""Limits of the process whichever controller is active: sensors that may be used, interlocks that trip."""
+"""Limits of the process whichever controller is active: sensors that may be used, interlocks that trip.
+
+Causes of a safe stop act by level. There are three kinds, which share a list of names (``tripped``):
+
+- an interlock, a limit on a measured value or on a residual of :mod:`fsw_supervisor.consistency`,
+- ``<sensor>_jump``: it has moved further than the drives can explain, and has not been acknowledged,
+- ``<sensor>_blind``: under automatic control it has been invalid for too long, summed over time.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +20,7 @@ from fsw_control.parameters import defaults, load
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_supervisor.consistency import Consistency
 from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Tick
 
@@ -31,13 +39,29 @@ _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP
 _QUANTITIES = {
     "temperature_low": "temperature_c",
     "temperature_high": "temperature_c",
+    "depth_low": "depth_mm",
     "depth_high": "depth_mm",
     "force_high": "force_kn",
+    "torque_low": "torque_nm",
     "torque_high": "torque_nm",
     "power_high": "power_kw",
+    "torque_model_low": "torque_residual_percent",
+    "torque_model_high": "torque_residual_percent",
+    "depth_model_low": "depth_residual_mm",
+    "depth_model_high": "depth_residual_mm",
+    "temperature_model_low": "temperature_residual_c",
+    "temperature_model_high": "temperature_residual_c",
 }
 #: by value, the sensor that it needs
 _SENSOR = {"temperature_c": "thermocouple", "depth_mm": "depth", "torque_nm": "torque", "power_kw": "torque"}
+#: by sensor, the value that it measures
+_VALUE = {"depth": "depth_mm", "torque": "torque_nm", "thermocouple": "temperature_c"}
+#: modes in which the process is controlled, or is to be again, without an operator
+_AUTOMATIC = (Mode.START, Mode.AUTO, Mode.HOLD)
+#: time in which as much blindness is forgiven as has lasted for a tenth of it (chosen)
+_FORGIVEN_SHARE = 0.1
+#: longest time between two ticks that counts as blindness [s]; a longer gap has rules of its own
+_LONGEST_TICK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +98,35 @@ def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
     )
 
 
+class Blindness:
+    """How long each sensor was invalid under automatic control: it adds up, and is forgiven ten times as slowly."""
+
+    def __init__(self) -> None:
+        self.limit_s = 0.0
+        self._sum_s = dict.fromkeys(SENSORS, 0.0)
+        self._last_ns: int | None = None
+
+    def forget_time(self) -> None:
+        """The clock went back; the sums stay."""
+        self._last_ns = None
+
+    def add(self, stamp_ns: int, invalid: tuple[str, ...], automatic: bool) -> None:
+        """Take the sensors that are invalid at a tick."""
+        passed_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+        passed_s = min(max(passed_s, 0.0), _LONGEST_TICK_S)
+        self._last_ns = stamp_ns
+        for name, sum_s in self._sum_s.items():
+            if name not in invalid:
+                self._sum_s[name] = max(sum_s - _FORGIVEN_SHARE * passed_s, 0.0)
+            elif automatic:
+                self._sum_s[name] = min(sum_s + passed_s, self.limit_s)
+
+    @property
+    def exceeded(self) -> tuple[str, ...]:
+        """Sensors whose limit is reached."""
+        return tuple(name for name, sum_s in self._sum_s.items() if sum_s >= self.limit_s - 1e-6)
+
+
 class SafetyMonitor:
     """Judges the process at every tick: sensors and interlocks."""
 
@@ -84,6 +137,9 @@ class SafetyMonitor:
         self._machine = machine
         self._judged = False  #: anything has been measured
         self._guard = SensorGuard()
+        self._consistency = Consistency()
+        self._blindness = Blindness()
+        self._standing: dict[str, str] = {}  # jumps and blindness that are there, with the cause in words
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
         self._runs = {name: dict.fromkeys(_ORDER, 0) for name in _QUANTITIES}
@@ -94,12 +150,23 @@ class SafetyMonitor:
         """Apply new parameters of the node, keeping the state."""
         self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
+        self._blindness.limit_s = values["blind_limit_s"]
         self._interlocks = interlocks_from(values)
         self._persistence_ticks = values["interlocks.persistence_ticks"]
 
     def forget_time(self) -> None:
         """The clock went back: earlier readings do not count any more."""
-        self._guard.reset()
+        self._guard.forget_time()
+        self._consistency.forget_time()
+        self._blindness.forget_time()
+
+    def readmit(self, who: str) -> None:
+        """Believe sensors that have jumped and are steady, because ``who`` acknowledges what they show."""
+        readmitted = self._guard.readmit()
+        for name, value in readmitted.items():
+            self._standing.pop(f"{name}_jump", None)
+            self._machine.log(Level.WARN, who, f"{who} has acknowledged that sensor {name} shows {value:.4g}")
+        self.invalid_sensors = tuple(name for name in self.invalid_sensors if name not in readmitted)
 
     @property
     def sensor_reasons(self) -> dict[str, str]:
@@ -109,17 +176,18 @@ class SafetyMonitor:
     @property
     def active(self) -> tuple[str, ...]:
         """Active warnings and trips, e.g. ``temperature_high:warn``."""
-        return tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
+        levels = tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
+        return levels + tuple(f"{name}:{Severity.TRIP}" for name in self._standing)
 
     @property
     def tripped(self) -> tuple[str, ...]:
-        """Names of the tripped interlocks."""
-        return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
+        """Names of the tripped interlocks, jumps and blindness."""
+        return (*(name for name, level in self._levels.items() if level is Severity.TRIP), *self._standing)
 
     @property
     def causes(self) -> str:
         """The tripped interlocks with the values at which they tripped, in words."""
-        return "; ".join(self._causes[name] for name in self.tripped)
+        return "; ".join((self._causes | self._standing)[name] for name in self.tripped)
 
     @property
     def blind(self) -> str:
@@ -142,31 +210,70 @@ class SafetyMonitor:
         for name in before:
             if name not in self.invalid_sensors:
                 self._machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
-        self.watch(
-            {
-                "depth_mm": measurement.depth_mm,
-                "torque_nm": measurement.torque_nm,
-                "temperature_c": measurement.temperature_c,
-                "force_kn": measurement.force_kn,
-                "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
-            },
-            measurement.held,
-        )
+        self._blindness.add(tick.stamp_ns, self.invalid_sensors, self._is_automatic)
+        self._note_standing(tick.samples)
+        residuals = self._consistency.update(measurement)
+        known = {
+            "depth_mm": measurement.depth_mm,
+            "torque_nm": measurement.torque_nm,
+            "temperature_c": measurement.temperature_c,
+            "force_kn": measurement.force_kn,
+            "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
+            "torque_residual_percent": residuals.torque_percent,
+            "depth_residual_mm": residuals.depth_mm,
+            "temperature_residual_c": residuals.temperature_c,
+        }
+        rejected = {_VALUE[name]: value for name, value in tick.samples.items() if reasons[name] and isfinite(value)}
+        if "torque_nm" in rejected:
+            rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm))
+        self.watch(known, measurement.held, rejected)
         if self.invalid_sensors and self._machine.acknowledged:
             self._machine.renew(StopCause.BLIND, "sensors")  # from now on it is unknown whether a cause is present
 
-    def watch(self, values: Mapping[str, float], held: tuple[str, ...] = ()) -> None:
+    @property
+    def _is_automatic(self) -> bool:
+        """Whether nobody but a controller watches the process."""
+        return self._machine.mode in _AUTOMATIC and self._machine.target_mode is Mode.AUTO
+
+    def _note_standing(self, samples: Mapping[str, float]) -> None:
+        """Determine which sensors have jumped, and which have been invalid for too long."""
+        before, self._standing = self._standing, {}
+        for name, last_good in self._guard.jumped.items():
+            cause, shown = f"{name}_jump", samples.get(name, nan)
+            text = f"{cause} is trip: {_VALUE[name]} {shown:.4g}, last good {last_good:.4g}"
+            self._standing[cause] = before.get(cause, text)
+        if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
+            for name in self._blindness.exceeded:
+                cause = f"{name}_blind"
+                text = (
+                    f"{cause} is trip: invalid ({self.sensor_reasons[name]}) for {self._blindness.limit_s:g} s in sum"
+                )
+                self._standing[cause] = before.get(cause, text)
+        for cause, text in self._standing.items():
+            if cause not in before:
+                self._machine.log(Level.ERROR, "interlock", text)
+        for cause in before:
+            if cause not in self._standing:
+                self._machine.log(Level.INFO, "interlock", f"{cause} is ok")
+
+    def watch(
+        self, values: Mapping[str, float], held: tuple[str, ...] = (), rejected: Mapping[str, float] | None = None
+    ) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
+        ``rejected`` are samples that are not valid: one beyond a trip counts as such, any other changes nothing.
+
         A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
-        spike does not trip. A trip is gone after as many values without it, not counting those of sensors that are
-        ``held``: a single one does not free a safe stop. It acts for as long as it lasts, in every mode, not only when
-        it begins.
+        spike does not trip. A trip is gone after as many values without it. Values of sensors that are ``held`` are no
+        new ones: they neither trip nor clear. A trip acts for as long as it lasts, in every mode, not only when it
+        begins.
         """
         for item in self._interlocks:
-            value = values.get(item.quantity, nan)
-            if isfinite(value):
-                self._judge(item, value, _SENSOR.get(item.quantity) in held)
+            value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
+            if isfinite(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
+                self._judge(item, bad)
+            elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
+                self._judge(item, value)
         if not self.tripped:
             return
         if self._machine.mode is Mode.SAFE_STOP:
@@ -175,14 +282,14 @@ class SafetyMonitor:
         else:
             self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
 
-    def _judge(self, item: Interlock, value: float, is_held: bool) -> None:
+    def _judge(self, item: Interlock, value: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
         shown = item.level(value, present)
         for level in _ORDER:
             runs[level] = runs[level] + 1 if _ORDER.index(shown) >= _ORDER.index(level) else 0
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
-        self._leaving[item.name] = self._leaving[item.name] + (not is_held) if leaves else 0
+        self._leaving[item.name] = self._leaving[item.name] + 1 if leaves else 0
         if leaves and self._leaving[item.name] < self._persistence_ticks:
             return
         lasting = (level for level in _ORDER if level is present or runs[level] >= self._persistence_ticks)

@@ -19,6 +19,8 @@ __all__ = ["domain_id"]
 
 PERIOD_NS = 100_000_000
 START = Command(78.4, 407.5)
+#: what a kN more adds to the torque at the paper's operating point [N m]
+TORQUE_NM_PER_KN = 12.84
 
 
 class Rig:
@@ -35,7 +37,8 @@ class Rig:
     edit : dict of str to callable
         Changes a controller's proposal.
     values : dict of str to float
-        What the sensors show; one that is absent does not publish.
+        What the sensors show; one that is absent does not publish. The torque is that at the start's force, and follows
+        the force that acts.
     """
 
     def __init__(self, settings: ArbiterSettings | None = None, lockstep: bool = False) -> None:
@@ -71,7 +74,10 @@ class Rig:
         self.now_s += 0.1
         self.stamp_ns += PERIOD_NS
         before = arbiter.applied
+        acting = arbiter.applied or self.drives
         for sensor, value in self.values.items():
+            if sensor == "torque" and acting is not None:
+                value += TORQUE_NM_PER_KN * (acting.force_kn - START.force_kn)
             out += arbiter.on_sample(sensor, self.stamp_ns, value, self.now_s)
         if self.drives is not None:
             acting = arbiter.applied or self.drives

@@ -17,9 +17,17 @@ CASES = {
     "temperature_low": ("temperature_c", 795.0, 780.0, "thermocouple"),
     "temperature_high": ("temperature_c", 905.0, 930.0, "thermocouple"),
     "depth_high": ("depth_mm", 3.5, 3.8, "depth"),
+    "depth_low": ("depth_mm", 1.6, 1.3, "depth"),
     "force_high": ("force_kn", 96.0, 98.0, ""),
+    "torque_low": ("torque_nm", 450.0, 390.0, "torque"),
     "torque_high": ("torque_nm", 1500.0, 1700.0, "torque"),
     "power_high": ("power_kw", 63.0, 70.0, "torque"),
+    "torque_model_low": ("torque_residual_percent", -7.0, -9.0, ""),
+    "torque_model_high": ("torque_residual_percent", 7.0, 9.0, ""),
+    "depth_model_low": ("depth_residual_mm", -0.35, -0.45, ""),
+    "depth_model_high": ("depth_residual_mm", 0.35, 0.45, ""),
+    "temperature_model_low": ("temperature_residual_c", -80.0, -95.0, ""),
+    "temperature_model_high": ("temperature_residual_c", 80.0, 95.0, ""),
 }
 
 
@@ -95,7 +103,7 @@ def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_t
 @pytest.mark.parametrize("held", ["depth", "torque", "thermocouple"])
 def test_a_trip_is_not_cleared_by_values_of_a_sensor_that_is_held(monitor, name, held):
     quantity, _, trip, sensor = CASES[name]
-    good = {"temperature_c": 850.0}.get(quantity, 1.0)
+    good = {"temperature_c": 850.0, "depth_mm": 2.66, "torque_nm": 1050.0}.get(quantity, 0.0)
     for _ in range(3):
         monitor.watch({quantity: trip})
     for _ in range(10):
@@ -152,7 +160,7 @@ GOOD = {"depth": 2.66, "torque": 1050.0, "thermocouple": 850.0}
         (GOOD, Command(98.0, 410.0), ("force_high",)),
         (GOOD | {"torque": 1500.0}, Command(80.0, 430.0), ("power_high",)),
         (GOOD | {"torque": 1500.0}, None, ()),
-        (GOOD | {"torque": 1650.0}, Command(80.0, 310.0), ("torque_high",)),
+        (GOOD | {"torque": 1650.0}, Command(80.0, 310.0), ("torque_high", "torque_model_high")),
         (GOOD | {"depth": 3.8}, Command(80.0, 410.0), ("depth_high",)),
         (GOOD | {"thermocouple": 780.0}, Command(80.0, 410.0), ("temperature_low",)),
     ],

@@ -18,6 +18,8 @@ from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
 VALUES = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
+#: what a kN more adds to the torque at the paper's operating point [N m]
+TORQUE_NM_PER_KN = 12.84
 PERIOD_NS = 100_000_000
 
 
@@ -123,7 +125,10 @@ class World:
         self.stamps.append(stamp)
         self.later(0.0, lambda member: member.arbiter.on_drives(stamp, acting, self.now_s))
         for sensor in SENSORS:
-            self.later(0.0, lambda member, s=sensor: member.arbiter.on_sample(s, stamp, VALUES[s], self.now_s))
+            value = VALUES[sensor]
+            if sensor == "torque":
+                value += TORQUE_NM_PER_KN * (self.acting.force_kn - 78.4)
+            self.later(0.0, lambda member, s=sensor, v=value: member.arbiter.on_sample(s, stamp, v, self.now_s))
         force = acting.force_kn + min(max(self.wish_kn - acting.force_kn, -0.7), 0.7)
         for name in self.names:
             proposal = ProposalInput(stamp, name, Command(force, acting.speed_rpm))

@@ -23,6 +23,7 @@ from fsw_control.validity import Frozen, sensor_limits
 from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, RawValue
+from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_plant.watchdog import Watchdog
 from fsw_supervisor.arbiter import Arbiter
@@ -53,6 +54,8 @@ RESTART = "restart"
 ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS, RESTART)
 #: what a load cell sees besides the set-points when something pushes: three moves
 _PUSH_KN = 3.0
+#: what a kN more adds to the torque at the paper's operating point [N m]
+_TORQUE_NM_PER_KN = 12.84
 #: ticks of a switch request until it must be answered: its time-out, and the tick in which that is noticed
 _ANSWER_TICKS = 5
 _SWITCH_TIMEOUT_S = 0.3
@@ -70,6 +73,15 @@ _SUPERVISOR = {
     "first_report_wait_s": 0.2,
     "safe_force_kn": 75.0,
     "safe_rate_kn_per_s": 10.0,
+    # These have tests of their own: here the drives move at once, which no process does.
+    "blind_limit_s": 3600.0,
+    "validity.torque.max_jump": 1000.0,
+    **{
+        f"interlocks.{value}_model_{side}.{level}": sign * limit
+        for value in ("torque", "depth", "temperature")
+        for side, sign in (("low", -1.0), ("high", 1.0))
+        for level, limit in (("warn", 900.0), ("trip", 1000.0))
+    },
 }
 _PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
@@ -85,6 +97,7 @@ _SHARED: list[Any] = [
     _CONFIG,
     *sensor_limits(_VALUES).values(),
     *interlocks_from(_VALUES),
+    nominal(),
 ]
 
 
@@ -266,7 +279,8 @@ class Cell:
         arbiter = self.arbiter
         messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
         late: list[_Message] = []
-        for sensor, value in zip(SENSORS, (2.66, 980.0, TEMPERATURES_C[self.temperature]), strict=True):
+        torque_nm = 980.0 + _TORQUE_NM_PER_KN * (drives.force_kn - HOME.force_kn)
+        for sensor, value in zip(SENSORS, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True):
             if value is not None:
                 messages.append(partial(arbiter.on_sample, sensor, stamp_ns, value))
         for name in NAMES if self.candidate != "none" else ():
@@ -417,11 +431,11 @@ class Rules:
         self._new = self._told = False
 
     def _sense(self, cell: Cell, measured: bool) -> None:
-        """Whether there is a cause; a value that is not valid says nothing, neither that it is there nor gone."""
+        """Whether there is a cause; a value that is not valid cannot say that it is gone, only that it is there."""
         value = TEMPERATURES_C[cell.temperature]
         known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
-        if known and value is not None and isfinite(value):
-            beyond = value >= _VALUES["interlocks.temperature_high.trip"]
+        beyond = value is not None and isfinite(value) and value >= _VALUES["interlocks.temperature_high.trip"]
+        if known or (measured and beyond):
             lasting = _VALUES["interlocks.persistence_ticks"]
             self._trips = min(self._trips + 1, lasting) if beyond else 0
             self._perhaps = min(self._perhaps + 1, lasting) if beyond else 0
@@ -429,7 +443,7 @@ class Rules:
             self.cause = self._free < lasting if self.cause else self._trips >= lasting
             self.to_acknowledge |= self.cause
         elif measured:
-            self._trips, self._perhaps = 0, self._perhaps + (self._perhaps > 0)
+            self._perhaps += self._perhaps > 0
         if measured:
             self._blind = self._blind + 1 if "thermocouple" in cell.arbiter.safety.invalid_sensors else 0
             self.to_acknowledge |= self._blind > 0
