@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any
 
+from fsw_control import weld
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
-from fsw_supervisor.tick import Tick
+from fsw_supervisor.tick import GAP_S, Tick
 
 
 class Severity(StrEnum):
@@ -78,15 +80,17 @@ class SafetyMonitor:
 
     def __init__(self, machine: Machine) -> None:
         self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
-        self.blind_ticks = 0  #: ticks in a row with one of them: each is needed by an interlock
+        #: since when there is one of them (``Machine.time_ns``), each of which an interlock needs; None: there is none
+        self.blind_since_ns: int | None = None
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self._machine = machine
         self._judged = False  #: anything has been measured
         self._guard = SensorGuard()
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
-        self._runs = {name: dict.fromkeys(_ORDER, 0) for name in _QUANTITIES}
-        self._leaving = dict.fromkeys(_QUANTITIES, 0)
+        self._runs = {name: {level: Persistence() for level in _ORDER} for name in _QUANTITIES}
+        self._leaving = {name: Persistence() for name in _QUANTITIES}
+        self._judged_ns: int | None = None
         self._causes = dict.fromkeys(_QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
@@ -94,7 +98,7 @@ class SafetyMonitor:
         self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
         self._interlocks = interlocks_from(values)
-        self._persistence_ticks = values["interlocks.persistence_ticks"]
+        self._persistence_s = values["interlocks.persistence_s"]
 
     def forget_time(self) -> None:
         """The clock went back: earlier readings do not count any more."""
@@ -134,7 +138,10 @@ class SafetyMonitor:
         tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
-        self.blind_ticks = self.blind_ticks + 1 if self.invalid_sensors else 0
+        if not self.invalid_sensors:
+            self.blind_since_ns = None
+        elif self.blind_since_ns is None:
+            self.blind_since_ns = self._machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
                 self._machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
@@ -150,22 +157,29 @@ class SafetyMonitor:
                 "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
             },
             measurement.held,
+            self._since_judged_s(),
         )
         if self.invalid_sensors and self._machine.acknowledged:
             self._machine.renew()  # from now on it is unknown whether a cause is present
 
-    def watch(self, values: Mapping[str, float], held: tuple[str, ...] = ()) -> None:
+    def _since_judged_s(self) -> float:
+        """Time since the last tick that was judged; one tick period for the first, and after a gap."""
+        before_ns, self._judged_ns = self._judged_ns, self._machine.time_ns
+        elapsed_s = inf if before_ns is None else (self._machine.time_ns - before_ns) / NANOSECONDS
+        return elapsed_s if elapsed_s <= GAP_S else self._machine.settings.tick_period_s
+
+    def watch(self, values: Mapping[str, float], held: tuple[str, ...] = (), elapsed_s: float = weld.TICK_S) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
-        A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
-        spike does not trip. A trip is gone after as many values without it, not counting those of sensors that are
-        ``held``: a single one does not free a safe stop. It acts for as long as it lasts, in every mode, not only when
-        it begins.
+        A level takes effect when the values of the last ``interlocks.persistence_s``, two at least, were each at that
+        level or worse: a spike does not trip. A trip is gone after as long without it, not counting the time of sensors
+        that are ``held``: a single value does not free a safe stop. It acts for as long as it lasts, in every mode,
+        not only when it begins. ``elapsed_s`` is the time since the values before.
         """
         for item in self._interlocks:
             value = values.get(item.quantity, nan)
             if isfinite(value):
-                self._judge(item, value, _SENSOR.get(item.quantity) in held)
+                self._judge(item, value, _SENSOR.get(item.quantity) in held, elapsed_s)
         if not self.tripped:
             return
         if self._machine.mode is Mode.SAFE_STOP:
@@ -174,17 +188,19 @@ class SafetyMonitor:
         else:
             self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
 
-    def _judge(self, item: Interlock, value: float, is_held: bool) -> None:
+    def _judge(self, item: Interlock, value: float, is_held: bool, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
+        period_s, limit_s, leaving = self._machine.settings.tick_period_s, self._persistence_s, self._leaving[item.name]
         shown = item.level(value, present)
         for level in _ORDER:
-            runs[level] = runs[level] + 1 if _ORDER.index(shown) >= _ORDER.index(level) else 0
+            runs[level].note(_ORDER.index(shown) >= _ORDER.index(level), elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
-        self._leaving[item.name] = self._leaving[item.name] + (not is_held) if leaves else 0
-        if leaves and self._leaving[item.name] < self._persistence_ticks:
+        if not (leaves and is_held):
+            leaving.note(leaves, elapsed_s, period_s)
+        if leaves and not leaving.reaches(limit_s, period_s):
             return
-        lasting = (level for level in _ORDER if level is present or runs[level] >= self._persistence_ticks)
+        lasting = (level for level in _ORDER if level is present or runs[level].reaches(limit_s, period_s))
         level = min(shown, max(lasting, key=_ORDER.index), key=_ORDER.index)
         if level is present:
             return

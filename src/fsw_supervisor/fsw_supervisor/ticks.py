@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from fsw_control.contract import SENSORS
 from fsw_control.message_synchronizer import StampFilter
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level, Trigger
-from fsw_supervisor.tick import Decision, Tick
+from fsw_supervisor.tick import GAP_S, Decision, Tick
 
-#: after this long without measurements the command in force counts as unknown [s]
-GAP_S = 1.0
 #: in real time a stamp far away is accepted after so many tick periods in which nothing else has arrived
 _SILENT_TICKS = 2.5
 
@@ -71,6 +70,8 @@ class Ticks:
         answered by then has failed, stall or not.
         """
         self.now_s = now_s
+        if self._in_gap() and not self._lockstep:
+            self._machine.pass_time(round(now_s * NANOSECONDS))
         tick, settings = self.present, self._machine.settings
         if tick is None or tick.settled or tick.stalled or tick.drained:
             return
@@ -99,7 +100,7 @@ class Ticks:
         gap = back if self._lockstep else self._in_gap()
         if past is not None:
             self._end(past, gap)
-        self._machine.advance(stamp_ns)
+        self._machine.advance(stamp_ns, self._time_ns(stamp_ns, past))
         if back:
             self._machine.log(Level.WARN, "clock", "time went back: continuing from there")
             self._arbitration.safety.forget_time()
@@ -117,6 +118,13 @@ class Ticks:
         # Before any proposal to it, so that it does not matter which comes first.
         tick.ready = self._registry.all_ready()
         self._registry.take_early(tick, now_s)
+
+    def _time_ns(self, stamp_ns: int, past: Tick | None) -> int | None:
+        """Time of a tick that begins, on the clock of all time-outs; None: one tick period after the one before."""
+        if not self._lockstep:
+            return round(self.now_s * NANOSECONDS)
+        # In lockstep the wall clock means nothing. Where simulated time starts again, the time-outs continue.
+        return self._machine.time_ns + stamp_ns - past.stamp_ns if past and stamp_ns > past.stamp_ns else None
 
     def _end(self, tick: Tick, gap: bool) -> None:
         """Settle a tick that is over: with a command, or after a gap without one."""
