@@ -22,7 +22,7 @@ from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
-from fsw_control.weld import TICK_NS
+from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
@@ -125,7 +125,7 @@ class PlantNode(ManagedNode):
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
-        self._running = True
+        self._running, self._stepped_s = True, time.monotonic()
         self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
         if not self._lockstep:
@@ -141,12 +141,14 @@ class PlantNode(ManagedNode):
         return missing
 
     def _next_tick(self) -> None:
-        self._plant.step()
+        before_s, self._stepped_s = self._stepped_s, time.monotonic()
+        self._plant.step(TICK_S if self._simulated else self._stepped_s - before_s)
         self._publish_tick()
 
     def _publish_tick(self) -> None:
         plant = self._plant
-        plant.measure(None if self._simulated else self._stamps.next(self.get_clock().now().nanoseconds))
+        wall_ns = self.get_clock().now().nanoseconds
+        plant.measure(None if self._simulated else self._stamps.next(wall_ns, time.monotonic_ns()))
         self._pace.begin(time.monotonic())
         self._send()
         if (plant.watchdog.state, plant.stopped) != self._reported:
