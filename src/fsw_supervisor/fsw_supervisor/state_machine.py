@@ -43,6 +43,7 @@ class Trigger(StrEnum):
     BLIND_TIMEOUT = "blind_timeout"
     RESTARTED = "restarted"
     INTERLOCK_TRIP = "interlock_trip"
+    CLOCK_STOPPED = "clock_stopped"
 
 
 #: the modes an operator can ask for, with the trigger that each fires
@@ -80,6 +81,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
     Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
     *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Trigger.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance") for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
 )
 
