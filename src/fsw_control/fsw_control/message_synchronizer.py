@@ -145,6 +145,14 @@ class MessageSynchronizer:
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
         self._drives_come = True
+        self._repeated: set[str] = set()
+
+    def take_repeated(self) -> bool:
+        """Whether all sensors of the last tick have sent it again since; the next call begins again."""
+        is_repeated = self._last_ns is not None and self._repeated >= set(SENSORS) - self.missed
+        if is_repeated:
+            self._repeated.clear()
+        return is_repeated
 
     @property
     def begun_s(self) -> float | None:
@@ -171,6 +179,8 @@ class MessageSynchronizer:
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             again = stamp_ns == self._last_ns and sensor not in self.missed
             self.counts[sensor]["duplicate" if again else "late"] += 1
+            if again:
+                self._repeated.add(sensor)
             return []
         return self._accept(sensor, stamp_ns, value, now_s)
 
@@ -257,6 +267,7 @@ class MessageSynchronizer:
         self.missed = frozenset(missed)
         tick.restarted = self._restarted
         self._last_ns, self._restarted = tick.stamp_ns, False
+        self._repeated.clear()
         return tick
 
     def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[SampleSet]:

@@ -417,3 +417,18 @@ def test_no_stamp_begins_two_ticks_and_time_never_stands_still(samples):
             assert stamp_ns == stamps.newest_ns
             advanced_s = now_s
         assert now_s - advanced_s < 1.0
+
+
+def test_a_tick_is_repeated_when_all_its_sensors_have_sent_it_again():
+    join = join_without_commands()
+    add_all(join, 1)
+    assert not join.take_repeated()
+    for _ in range(2):
+        add_all(join, 1, sensors=("depth", "torque"))
+        assert not join.take_repeated()
+        add_all(join, 1, sensors=("thermocouple",))
+        assert join.take_repeated() and not join.take_repeated()
+    add_all(join, 1, sensors=("depth",))
+    add_all(join, 2)
+    add_all(join, 2, sensors=("torque", "thermocouple"))
+    assert not join.take_repeated(), "the first came again for the tick before"

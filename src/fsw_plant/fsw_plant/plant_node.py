@@ -125,6 +125,7 @@ class PlantNode(ManagedNode):
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
+        self._writers.look()  # those that are here from the start receive the first tick
         self._running, self._stepped_s = True, time.monotonic()
         self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
@@ -157,7 +158,8 @@ class PlantNode(ManagedNode):
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
+        if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
+            self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
@@ -207,9 +209,12 @@ class PlantNode(ManagedNode):
     # ---------------------------------------------------------------- watching
 
     def _watch(self) -> None:
+        writers = self._writers.names
         self._writers.look()
         if not (self._lockstep and self._running):
             return
+        if self._writers.names and self._writers.names != writers:
+            self._pace.on_new_writer()
         waited_s = self._pace.waited_s(time.monotonic())
         if not self._pace.answered:
             self._watch_answer(waited_s)
@@ -228,11 +233,12 @@ class PlantNode(ManagedNode):
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
-        if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
-            self._pace.resent += 1
+        if not self._pace.must_repeat(time.monotonic(), values["lockstep_timeout_s"]):
+            return
+        if waited_s >= values["lockstep_timeout_s"]:
             self.get_logger().error(f"{what}; tick repeated")
-            self._send()
-            self._report()
+        self._send()
+        self._report()
 
     def _report_changes(self) -> None:
         """Log and report changes of watchdog and process."""

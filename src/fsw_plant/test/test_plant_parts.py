@@ -10,9 +10,12 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
+from fsw_control.parameters import defaults
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
+from fsw_plant.config import specs as plant_parameters
 from fsw_plant.events import Disturbance, Fault, Sample
+from fsw_plant.lockstep import Lockstep
 from fsw_plant.sensors import Noise, Probe, Sensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -327,3 +330,21 @@ def test_dead_time_of_a_drive_may_change_on_the_way():
     assert drive.advance(74.0) == 74.0
     drive.configure(10.0, 0.0, 1)
     assert [drive.advance(target) for target in (75.0, 76.0)] == [74.0, 75.0]
+
+
+def test_lockstep_repeats_an_unanswered_tick_in_time_and_at_once_for_a_new_writer():
+    pace = Lockstep()
+    pace.begin(10.0)
+    assert not pace.must_repeat(11.9, 2.0)
+    assert pace.must_repeat(12.0, 2.0) and not pace.must_repeat(13.9, 2.0) and pace.must_repeat(14.0, 2.0)
+    pace.on_new_writer()
+    assert pace.must_repeat(14.1, 2.0) and not pace.must_repeat(14.5, 2.0) and pace.must_repeat(14.6, 2.0)
+    pace.answered = True
+    assert not pace.must_repeat(99.0, 2.0)
+    pace.begin(100.0)
+    assert not pace.must_repeat(100.6, 2.0), "the next tick reaches the new writer"
+
+
+def test_a_plant_gives_up_later_than_a_standby_takes_over():
+    values = defaults(plant_parameters())
+    assert values["lockstep_give_up_s"] > 2.0 * 30.0 + values["lockstep_timeout_s"]

@@ -18,6 +18,8 @@ LISTEN_S = 0.25
 _LISTEN_LONG_S = 1.0
 #: leading, after a stall: how long commands are withheld in case there is another leader, in tick periods
 _FENCE_TICKS = 1.0
+#: on standby in lockstep: how long the leader may take to send what was decided here; it has the same inputs [s]
+_LOCKSTEP_WAIT_S = 1.0
 #: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 
@@ -170,6 +172,10 @@ class Failover:
         tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
             self._count(tick)
+        if self._arbiter.lockstep and tick is not None and not self._drained:
+            decision = None if tick.outcome is None else tick.outcome.decision
+            if decision is not None:
+                self._due_s = min(self._due_s, tick.started_s + decision.latency_s + _LOCKSTEP_WAIT_S)
         if self.role is Role.LISTENING and now_s >= self._listening_ends_s:
             return True
         if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:

@@ -1,4 +1,4 @@
-"""The clock of the measurements steps, repeats or stands: commands continue, or the cause is named and a stop begins."""
+"""The clock of the measurements steps, repeats or stands: commands continue, or a named cause leads to a safe stop."""
 
 from itertools import pairwise
 
