@@ -25,6 +25,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from fsw_control.units import NANOSECONDS
+from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode
 from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
 
@@ -86,16 +87,19 @@ def started(mode: str, gateway: bool) -> Cell:
 
 #: counts, words and what is constant: no later decision depends on them, or :func:`state` adds what does
 _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by since_ns transitions revision events tick
-    _stamp_ns _interlocks hold_s _persistence_ticks reasons _causes who message on_done missed late rejected duplicates
+    _stamp_ns _interlocks hold_s _persistence_s reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
     _registry registry operator _operator watch in_force _in_force start_up answered decision _counters ticks paused
     invalid written failed cut last_failure steps config
-    strict stamps _frozen silent_ticks _mode_tick manual _measured_s"""
+    strict stamps _frozen silent_ticks _mode_tick time_ns mode_since_ns step_s
+    _origin_ns _periods manual _measured_s"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
 _WHETHER = frozenset(["inhibited", "problem", "failure", "fault_excused_reason", "refusal"])
 #: numbers of ticks, and counts that matter no more when they are large
-_TICKS = frozenset(["_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
+_TICKS = frozenset(["foreign_tick", "_excused_tick"])
+#: times on the clock of the time-outs, which are multiples of a tick here
+_TIMES = frozenset(["_swapped_ns", "expires_ns", "blind_since_ns", "_judged_ns"])
 _FORGOTTEN_TICKS, _FORGOTTEN_S = 10, 2.0
 #: more than the clock can jump within a sequence
 _LONG_AGO_NS = 10**14
@@ -118,18 +122,19 @@ def state(cell: Cell) -> int:
     own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
     own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.ticks.last is None)
     own += tuple(arbiter.safety.sensor_reasons.values())
-    own += (0 if machine.mode in _LASTING_MODES else machine.ticks_in_mode,)
+    own += (0 if machine.mode in _LASTING_MODES else machine.time_ns - machine.mode_since_ns,)
+    own += (machine.ticks_in_mode if machine.mode is Mode.START else 0,)
     own += (operator.manual if machine.mode is Mode.MANUAL else None,)
     listening_ends_s = start_up.listening_ends_s
     own += (None if listening_ends_s is None else max(listening_ends_s - cell.now_s, -1.0),)
     # While nothing is measured the clock may jump.
     shift_ns = 0 if gateway is None else gateway.stamps.shift_ns
     own += ((cell.clock_ns + shift_ns - cell.stamp_ns) / NANOSECONDS,)
-    now = (cell.now_s, cell.stamp_ns, machine.tick)
+    now = (cell.now_s, cell.stamp_ns, machine.tick, machine.time_ns)
     return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
 
-_Now = tuple[float, int, int]
+_Now = tuple[float, int, int, int]
 
 
 class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
@@ -149,12 +154,16 @@ def _plain(value: Any, name: str, now: _Now) -> Any:
 def _float(value: float, name: str, now: _Now) -> Any:
     if name.endswith("_s") and name != "age_s":
         value = min(now[0] - value, _FORGOTTEN_S)
+    elif name == "age_s":
+        value = min(value, _FORGOTTEN_S)
     return round(value, 3) if isfinite(value) else str(value)
 
 
 def _int(value: int, name: str, now: _Now) -> int:
     if name in _TICKS:
         return min(now[2] - value, _FORGOTTEN_TICKS)
+    if name in _TIMES:
+        return min(now[3] - value, _FORGOTTEN_TICKS * TICK_NS)
     if name.endswith("_ns"):
         return min(now[1] - value, _LONG_AGO_NS)
     return min(value, _ENOUGH.get(name, _FORGOTTEN_TICKS))
@@ -166,7 +175,7 @@ def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
 
 def _items(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
     if name == "_automatic":
-        return tuple([now[2] - tick for tick in value if now[2] - tick < _FORGOTTEN_TICKS])
+        return tuple([now[3] - time_ns for time_ns in value if now[3] - time_ns < _FORGOTTEN_TICKS * TICK_NS])
     return tuple([_FREEZERS[type(item)](item, "", now) for item in value])
 
 

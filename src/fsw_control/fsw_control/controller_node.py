@@ -71,6 +71,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
+        self._last_proposal: Proposal | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
         self._ticks = WeldTicks(self, self._consume, initial, self._settings["period"], await_drives=self._lockstep)
         self._applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
@@ -133,8 +134,15 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _consume(self, ticks: list[SampleSet]) -> None:
         for tick in ticks:
             self._tick(tick)
+        if self._lockstep and self._synchronizer.take_repeated():
+            self._repeat()
         begun_s = self._synchronizer.begun_s
         self._deadline.set(begun_s + self._patience_s() if begun_s is not None else None)
+
+    def _repeat(self) -> None:
+        """Answer a tick that the plant has repeated, as before: a supervisor was restarted, or an answer was lost."""
+        if self._last_ns is not None and self._last_proposal is not None:
+            self._publish(self._last_ns, self._last_proposal)
 
     def _tick(self, tick: SampleSet) -> None:
         if tick.restarted:
@@ -152,6 +160,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         begin = time.perf_counter()
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
+        self._last_proposal = proposal
         self._publish(tick.stamp_ns, proposal)
         self._replaced = reference, attainable_of(proposal.diagnosis.disturbances)
         self._followed.update(tick.stamp_ns, reference, self._references.issued_ns)

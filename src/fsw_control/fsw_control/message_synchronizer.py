@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import insort
 from dataclasses import dataclass, field
+from math import inf
 from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command
@@ -25,6 +26,10 @@ class JoinRules(NamedTuple):
     jump_ns: int = 1_000_000_000
     #: sources with the same outlier that make it a jump of time; a single one does where nothing else comes
     agreeing: int = 2
+    #: in real time, time without a newer stamp after which any stamp is taken [s]
+    silence_s: float = 0.25
+    #: no sample is later than this [s]: a command that answers an older measurement is refused
+    late_s: float = 0.5
     #: incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed
     pending_ticks: int = 2
     #: share of its patience that a tick is given, once, when this process itself has missed its deadline
@@ -35,6 +40,8 @@ class JoinRules(NamedTuple):
 
 RULES = JoinRules()
 JUMP_NS = RULES.jump_ns
+#: in lockstep, where time waits for slow nodes, the same as ``RULES.silence_s`` [s]
+_SILENCE_LOCKSTEP_S = 1.0
 
 
 @dataclass(slots=True)
@@ -60,34 +67,55 @@ class AcceptedSamples(NamedTuple):
 class StampFilter:
     """Which stamps are accepted.
 
-    An outlier (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not accepted until a
-    second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken clock cannot stop
-    the others.
+    - A stamp that is newer than the newest accepted one, by ``jump_ns`` at most, advances the time.
+    - With any other stamp the clock may have been set, the plant restarted, or only this sample is late or its
+      sensor's clock broken. It becomes the new time when no stamp has advanced the time for ``silence_s``; one that
+      is further away than ``jump_ns`` also when two sources agree on it. So one sensor with a broken clock cannot
+      stop the others, and a clock that goes back stops nothing for long.
+    - A stamp that was accepted in the last ``late_s`` never begins a new time: it is a late or repeated sample. So no
+      tick is answered twice, however late samples and steps of the clock meet.
     """
 
     def __init__(self, silence_s: float) -> None:
         self.newest_ns: int | None = None  #: newest accepted stamp; None before the first
         self.jumps = 0  #: jumps of time since the start
         self._silence_s = silence_s
-        self._accepted_s = float("-inf")
+        self._advanced_s = float("-inf")
+        self._begin_ns: int | None = None  # the stamp that time has jumped to
         self._outliers: dict[str, tuple[int, float]] = {}
+        self._accepted: dict[int, float] = {}  # by stamp, when it was accepted first
 
     def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> AcceptedSamples | None:
         """Process a sample received at ``now_s`` on a steady clock; returns the sample accepted by this, or None."""
-        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= RULES.jump_ns:
-            self._accepted_s = now_s
-            if self.newest_ns is None or stamp_ns > self.newest_ns:
-                self.newest_ns = stamp_ns
-                self._outliers.clear()
+        newest_ns = stamp_ns - 1 if self.newest_ns is None else self.newest_ns
+        is_near, is_newer = abs(stamp_ns - newest_ns) <= RULES.jump_ns, stamp_ns > newest_ns
+        is_repeated = stamp_ns == newest_ns or now_s - self._accepted.get(stamp_ns, -inf) < RULES.late_s
+        is_before = self._begin_ns is not None and stamp_ns < self._begin_ns
+        if is_repeated and (is_newer or is_before or not is_near):
+            return None  # of the time before the last jump
+        if is_near and is_newer:
+            self._advance(stamp_ns, now_s)
+            return AcceptedSamples({source: value}, jumped=False)
+        is_silent = now_s - self._advanced_s >= self._silence_s
+        if is_near and (is_repeated or not is_silent):
+            if is_before:
+                return None
+            self._accepted.setdefault(stamp_ns, now_s)
             return AcceptedSamples({source: value}, jumped=False)
         self._outliers[source] = (stamp_ns, value)
         agreeing = {name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns}
-        if len(agreeing) < RULES.agreeing and now_s - self._accepted_s < self._silence_s:
+        if len(agreeing) < RULES.agreeing and not is_silent:
             return None
-        self.newest_ns, self._accepted_s = stamp_ns, now_s
         self.jumps += 1
-        self._outliers.clear()
+        self._begin_ns = stamp_ns
+        self._advance(stamp_ns, now_s)
         return AcceptedSamples(agreeing, jumped=True)
+
+    def _advance(self, stamp_ns: int, now_s: float) -> None:
+        self.newest_ns, self._advanced_s = stamp_ns, now_s
+        self._outliers.clear()
+        self._accepted = {stamp: at_s for stamp, at_s in self._accepted.items() if now_s - at_s < RULES.late_s}
+        self._accepted[stamp_ns] = now_s
 
 
 class MessageSynchronizer:
@@ -102,7 +130,8 @@ class MessageSynchronizer:
     """
 
     def __init__(self, await_drives: bool = False) -> None:
-        self.stamps = StampFilter(silence_s=1.0)  #: decides which stamps are accepted
+        #: decides which stamps are accepted
+        self.stamps = StampFilter(silence_s=_SILENCE_LOCKSTEP_S if await_drives else RULES.silence_s)
         #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
         self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
         #: sensors (and ``drives``, ``command``) that were missing in the last tick
@@ -116,6 +145,14 @@ class MessageSynchronizer:
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
         self._drives_come = True
+        self._repeated: set[str] = set()
+
+    def take_repeated(self) -> bool:
+        """Whether all sensors of the last tick have sent it again since; the next call begins again."""
+        is_repeated = self._last_ns is not None and self._repeated >= set(SENSORS) - self.missed
+        if is_repeated:
+            self._repeated.clear()
+        return is_repeated
 
     @property
     def begun_s(self) -> float | None:
@@ -142,6 +179,8 @@ class MessageSynchronizer:
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             again = stamp_ns == self._last_ns and sensor not in self.missed
             self.counts[sensor]["duplicate" if again else "late"] += 1
+            if again:
+                self._repeated.add(sensor)
             return []
         return self._accept(sensor, stamp_ns, value, now_s)
 
@@ -228,6 +267,7 @@ class MessageSynchronizer:
         self.missed = frozenset(missed)
         tick.restarted = self._restarted
         self._last_ns, self._restarted = tick.stamp_ns, False
+        self._repeated.clear()
         return tick
 
     def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[SampleSet]:

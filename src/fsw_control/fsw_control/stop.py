@@ -20,6 +20,7 @@ class StopCause(IntEnum):
     BLIND = 5
     WATCHDOG = 6
     RESTART = 7
+    CLOCK = 8
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -1,11 +1,13 @@
 """Ticks from three sensor topics: whatever the order and the losses."""
 
+from itertools import pairwise
+
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import JUMP_NS, MessageSynchronizer, StampFilter
+from fsw_control.message_synchronizer import JUMP_NS, RULES, MessageSynchronizer, StampFilter
 
 STEP_NS = 100_000_000
 
@@ -174,8 +176,8 @@ def test_a_jump_of_time_that_two_sensors_confirm_restarts(start):
 def test_a_jump_is_believed_alone_when_all_else_is_silent():
     join = join_without_commands()
     add_all(join, 100, now_s=0.0)
-    assert join.add("depth", 900 * STEP_NS, 1.0, 0.5) == []
-    assert join.add("depth", 901 * STEP_NS, 1.0, 1.5) == []
+    assert join.add("depth", 900 * STEP_NS, 1.0, 0.2) == []
+    assert join.add("depth", 901 * STEP_NS, 1.0, 0.3) == []
     (tick,) = give_up(join)
     assert tick.stamp_ns == 901 * STEP_NS and tick.restarted
 
@@ -303,7 +305,7 @@ def test_strange_stamps_are_counted_and_their_values_kept_for_the_jump():
     assert [join.counts[sensor]["late"] for sensor in SENSORS] == [1, 1, 0]
     assert [join.counts[sensor]["missing"] for sensor in SENSORS] == [0, 1, 1]
     for count in (2, 3):
-        join.add("depth", count, 1.0, 0.3)
+        join.add("depth", count, 1.0, 0.2)
         assert join.counts["depth"]["late"] == count
 
 
@@ -339,3 +341,94 @@ def test_what_is_older_than_two_ticks_that_wait_is_late():
     for k in (3, 4, 4, 4, 2, 1):
         assert join.add("depth", k * STEP_NS, 1.0, 0.0) == []
     assert (join.counts["depth"]["duplicate"], join.counts["depth"]["late"]) == (2, 2)
+
+
+# ---------------------------------------------------------------- steps of the clock
+
+
+def feed(stamps_ns):
+    """Offer a sample of each sensor every 0.1 s; the stamps that began a tick, with the time on the steady clock."""
+    stamps, begun = StampFilter(RULES.silence_s), []
+    for count, stamp_ns in enumerate(stamps_ns):
+        for sensor in SENSORS:
+            newest_ns, now_s = stamps.newest_ns, count * 0.1
+            accepted = stamps.offer(sensor, stamp_ns, 1.0, now_s)
+            if accepted is not None and (accepted.jumped or newest_ns is None or stamp_ns > newest_ns):
+                begun.append((stamp_ns, now_s))
+    return begun
+
+
+@pytest.mark.requirement("S5")
+@pytest.mark.parametrize("back_ticks", [2, 3, 5, 9, 10, 11, 30])
+def test_a_clock_that_goes_back_again_and_again_stops_nothing(back_ticks):
+    """Whether or not the same stamps come again."""
+    for shift_ns in (0, 1234):
+        stamps_ns = [10**18 + (k % back_ticks) * STEP_NS + (k // back_ticks) * shift_ns for k in range(300)]
+        times_s = [now_s for _, now_s in feed(stamps_ns)]
+        assert max(after - before for before, after in pairwise(times_s)) < 1.0
+        assert len(times_s) >= (50 if back_ticks < 5 else 150)
+
+
+def test_late_samples_of_a_tick_before_a_step_of_the_clock_do_not_begin_it_again():
+    """Two sources agree on the old stamp, but it has begun a tick already."""
+    for step in (50, -50, 5, -5):
+        stamps = StampFilter(silence_s=0.25)
+        stamps.offer("depth", 1000 * STEP_NS, 1.0, 0.0)
+        for sensor in ("depth", "drives"):
+            stamps.offer(sensor, (1000 + step) * STEP_NS, 1.0, 0.1)
+        for now_s in (0.1, 0.2, 0.45):
+            for sensor in ("torque", "thermocouple"):
+                accepted = stamps.offer(sensor, 1000 * STEP_NS, 1.0, now_s)
+                assert accepted is None or not accepted.jumped
+                assert accepted is None or stamps.newest_ns >= 1000 * STEP_NS
+
+
+@st.composite
+def disturbed_streams(draw):
+    """Samples as (arrival, source, stamp): the clock steps, samples are late or come twice, topics keep their order."""
+    clock_ns, samples = 10**15, []
+    ready_s = dict.fromkeys((*SENSORS, "drives"), 0.0)
+    for count in range(draw(st.integers(20, 60))):
+        step = draw(st.sampled_from([0] * 8 + [-1, -3, -9, 9, -11, 40, -40, "odd"]))
+        clock_ns += draw(st.integers(-(10**9), 10**9)) if step == "odd" else step * STEP_NS
+        clock_ns += STEP_NS
+        for source in ready_s:
+            late_s = draw(st.sampled_from([0.0] * 6 + [0.05, 0.12, 0.35]))
+            ready_s[source] = max(ready_s[source], count * 0.1 + late_s)
+            samples.append((ready_s[source], source, clock_ns))
+            if draw(st.integers(0, 9)) == 0:
+                samples.append((ready_s[source] + draw(st.sampled_from([0.0, 0.1, 0.3])), source, clock_ns))
+    return sorted(samples, key=lambda sample: sample[0])
+
+
+@pytest.mark.requirement("S5")
+@settings(max_examples=300)
+@given(disturbed_streams())
+def test_no_stamp_begins_two_ticks_and_time_never_stands_still(samples):
+    stamps, begun, advanced_s = StampFilter(RULES.silence_s), {}, 0.0
+    for now_s, source, stamp_ns in samples:
+        newest_ns = stamps.newest_ns
+        accepted = stamps.offer(source, stamp_ns, 1.0, now_s)
+        if accepted is not None and (accepted.jumped or newest_ns is None or stamp_ns > newest_ns):
+            if stamp_ns in begun:
+                before_s, before = begun[stamp_ns]
+                assert now_s - before_s >= RULES.late_s and stamps.jumps > before, "the clock has repeated it"
+            begun[stamp_ns] = (now_s, stamps.jumps)
+            assert stamp_ns == stamps.newest_ns
+            advanced_s = now_s
+        assert now_s - advanced_s < 1.0
+
+
+def test_a_tick_is_repeated_when_all_its_sensors_have_sent_it_again():
+    join = join_without_commands()
+    add_all(join, 1)
+    assert not join.take_repeated()
+    for _ in range(2):
+        add_all(join, 1, sensors=("depth", "torque"))
+        assert not join.take_repeated()
+        add_all(join, 1, sensors=("thermocouple",))
+        assert join.take_repeated() and not join.take_repeated()
+    add_all(join, 1, sensors=("depth",))
+    add_all(join, 2)
+    add_all(join, 2, sensors=("torque", "thermocouple"))
+    assert not join.take_repeated(), "the first came again for the tick before"

@@ -374,6 +374,22 @@ def test_lockstep_waits_for_the_command_without_a_clock(start):
     assert [entry[2].force_kn for entry in peer.controller.seen[1:]] == pytest.approx([70.0 + k for k in range(1, 30)])
 
 
+def test_in_lockstep_a_repeated_tick_gets_the_same_answer_without_another_step(start):
+    peer = start("--ros-args", "-p", "use_sim_time:=true", "-p", "lockstep_deadline:=5.0")
+    peer.refer()
+    first = peer.tick(1)
+    for count in (2, 3):
+        peer.sense(1)
+        peer.until(lambda count=count: len(peer.got["proposal"]) == count and len(peer.got["status"]) == count)
+    assert peer.got["proposal"] == [first] * 3
+    assert len(peer.controller.seen) == 1
+    peer.sense(1, sensors=("depth", "torque"))  # a sensor that sends twice is no repeated tick
+    peer.command(1)
+    peer.tick(2)
+    assert len(peer.got["proposal"]) == 4
+    assert len(peer.controller.seen) == 2
+
+
 def test_bad_parameter_at_start_is_refused(tmp_path):
     path = tmp_path / "echo.yaml"
     path.write_text(PARAMETERS)

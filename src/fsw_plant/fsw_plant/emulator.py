@@ -205,9 +205,9 @@ class PlantEmulator:
             self.watchdog.feed()
         return reason
 
-    def step(self) -> None:
-        """Advance to the next tick; never raises."""
-        force_kn = self.watchdog.advance(self.applied.force_kn)
+    def step(self, elapsed_s: float = STEP_S) -> None:
+        """Advance to the next tick; never raises. ``elapsed_s``: time since the step before, for the watchdog."""
+        force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
         mean_kn, mean_rpm = self._force.advance(force_kn), self._speed.advance(self.applied.speed_rpm)

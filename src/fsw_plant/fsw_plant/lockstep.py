@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from math import inf
+
+#: time between repetitions of a tick for a supervisor that was started while the tick was unanswered [s]
+_REPEAT_S = 0.5
+
 
 class Lockstep:
     """Waits for the command that answers the present tick, and for a scenario player to have sent what precedes it.
@@ -14,7 +19,8 @@ class Lockstep:
         self.player_present = False  #: whether a player takes part
         self.resent = 0  #: how often the present tick was sent again
         self._unplayed_ns: int | None = None
-        self._begun_s = 0.0
+        self._begun_s = self._sent_s = 0.0
+        self._repeat_s = inf
 
     @property
     def complete(self) -> bool:
@@ -23,7 +29,20 @@ class Lockstep:
 
     def begin(self, now_s: float) -> None:
         """A tick begins."""
-        self.answered, self.resent, self._begun_s = False, 0, now_s
+        self.answered, self.resent, self._repeat_s = False, 0, inf
+        self._begun_s = self._sent_s = now_s
+
+    def on_new_writer(self) -> None:
+        """Another node publishes commands: it has not received the present tick, nor the answers to it."""
+        self._repeat_s, self._sent_s = _REPEAT_S, -inf
+
+    def must_repeat(self, now_s: float, timeout_s: float) -> bool:
+        """Whether the present tick is to be sent again: every ``timeout_s``, and for a new writer."""
+        if self.answered or now_s - self._sent_s < min(timeout_s, self._repeat_s):
+            return False
+        self._sent_s = now_s
+        self.resent += 1
+        return True
 
     def waited_s(self, now_s: float) -> float:
         """Time since the present tick has begun."""

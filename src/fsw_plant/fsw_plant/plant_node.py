@@ -25,7 +25,7 @@ from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
-from fsw_control.weld import TICK_NS
+from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
@@ -132,7 +132,8 @@ class PlantNode(ManagedNode):
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
-        self._running = True
+        self._writers.look()  # those that are here from the start receive the first tick
+        self._running, self._stepped_s = True, time.monotonic()
         self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
         if not self._lockstep:
@@ -151,7 +152,8 @@ class PlantNode(ManagedNode):
         if self._fence.overdue:
             self._plant.watchdog.expire()
         stamp_ns = self._plant.measure().stamp_ns
-        self._plant.step()
+        before_s, self._stepped_s = self._stepped_s, time.monotonic()
+        self._plant.step(TICK_S if self._simulated else self._stepped_s - before_s)
         if self._plant.watchdog.state is WatchdogState.SAFE:
             self._fence.stop(StopCause.WATCHDOG, stamp_ns)
         self._publish_tick()
@@ -160,7 +162,8 @@ class PlantNode(ManagedNode):
     def _publish_tick(self) -> None:
         plant = self._plant
         self._fence.measure()
-        plant.measure(None if self._simulated else self._stamps.next(self.get_clock().now().nanoseconds))
+        wall_ns = self.get_clock().now().nanoseconds
+        plant.measure(None if self._simulated else self._stamps.next(wall_ns, time.monotonic_ns()))
         self._pace.begin(time.monotonic())
         self._send()
         if (plant.watchdog.state, plant.stopped) != self._reported:
@@ -169,7 +172,8 @@ class PlantNode(ManagedNode):
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
+        if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
+            self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
@@ -226,9 +230,12 @@ class PlantNode(ManagedNode):
     # ---------------------------------------------------------------- watching
 
     def _watch(self) -> None:
+        writers = self._writers.names
         self._writers.look()
         if not (self._lockstep and self._running):
             return
+        if self._writers.names and self._writers.names != writers:
+            self._pace.on_new_writer()
         waited_s = self._pace.waited_s(time.monotonic())
         if not self._pace.answered:
             self._watch_answer(waited_s)
@@ -247,11 +254,12 @@ class PlantNode(ManagedNode):
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
-        if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
-            self._pace.resent += 1
+        if not self._pace.must_repeat(time.monotonic(), values["lockstep_timeout_s"]):
+            return
+        if waited_s >= values["lockstep_timeout_s"]:
             self.get_logger().error(f"{what}; tick repeated")
-            self._send()
-            self._report()
+        self._send()
+        self._report()
 
     def _report_changes(self) -> None:
         """Log and report changes of watchdog and process."""

@@ -7,6 +7,9 @@ from enum import IntEnum
 from fsw_model import STEP_S
 from fsw_plant.config import PlantConfig
 
+#: a plant that steps later than this was suspended, and its process stood still [s]
+_LONGEST_STEP_S = 1.0
+
 
 class WatchdogState(IntEnum):
     """States, with the numbers of ``PlantState.WATCHDOG_*``."""
@@ -17,7 +20,7 @@ class WatchdogState(IntEnum):
 
 
 class Watchdog:
-    """Counts the time since the last valid command.
+    """Measures the time since the last valid command.
 
     OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after another ``hold_s`` SAFE:
     the force goes down to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a lower force stays) and the spindle keeps the
@@ -46,8 +49,13 @@ class Watchdog:
         self.armed = True
         self.age_s = max(self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"])
 
-    def advance(self, force_kn: float) -> float:
-        """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``."""
+    def advance(self, force_kn: float, elapsed_s: float = STEP_S) -> float:
+        """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``.
+
+        ``elapsed_s`` is the time since the step before on the steady clock; it counts where the steps are late.
+        """
+        step_s = min(max(elapsed_s, STEP_S), _LONGEST_STEP_S)
+        self.age_s += step_s - STEP_S
         config = self.config.values
         age, timeout_s = self.age_s + 1e-9, config["watchdog.timeout_s"]
         if age >= timeout_s:
@@ -55,6 +63,6 @@ class Watchdog:
             self.state = WatchdogState.SAFE if safe else WatchdogState.HOLD
             safe_force_kn = config["watchdog.safe_force_kn"]
             if safe and force_kn > safe_force_kn:
-                force_kn = max(safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * STEP_S)
+                force_kn = max(safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * step_s)
         self.age_s += STEP_S
         return force_kn

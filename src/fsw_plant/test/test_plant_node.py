@@ -14,9 +14,9 @@ from std_msgs.msg import Header
 from fsw_control import Command
 from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.stop import Stop as Register
-from fsw_control.topics_ros import LATEST, PLAYER_READY
+from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_control.units import mm_from_m, rpm_from_rad_s
-from fsw_msgs.msg import ControllerHealth, DriveFeedback, PlantState, Stop, SupervisorState, WeldProgress
+from fsw_msgs.msg import ControllerHealth, DriveFeedback, PlantState, Stop, SupervisorState, WeldCommand, WeldProgress
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.plant_node import PlantNode, main
@@ -161,6 +161,32 @@ def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
     assert peer.report("clock").level == b"\x02"
     peer.command(peer.got["depth"][-1].header.stamp)
     graph.until(lambda: 2 * TICK_NS in peer.stamps("depth"))
+
+
+def test_lockstep_repeats_its_tick_for_a_supervisor_that_was_started_again(graph):
+    peer = graph.start(speed=0.0, lockstep_timeout_s=600.0)
+    for _ in range(20):
+        graph.spin()
+    assert peer.stamps("depth") == [TICK_NS], "nobody is new"
+    second = peer.node.create_publisher(WeldCommand, "fsw/command", STREAM)
+    graph.until(lambda: peer.stamps("depth").count(TICK_NS) >= 3)
+    peer.node.destroy_publisher(second)
+    peer.command(peer.got["depth"][-1].header.stamp)
+    graph.until(lambda: 2 * TICK_NS in peer.stamps("depth"))
+
+
+def test_a_repeated_tick_does_not_wait_for_the_player_again(graph):
+    """The player has answered it and hears nothing new."""
+    peer = graph.start(speed=0.0, lockstep_timeout_s=600.0)
+    ready = peer.node.create_publisher(Header, PLAYER_READY, LATEST)
+    graph.until(lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY))
+    ready.publish(Header(stamp=peer.got["depth"][-1].header.stamp))
+    graph.until(lambda: graph.plant._pace.player_present)
+    second = peer.node.create_publisher(WeldCommand, "fsw/command", STREAM)
+    graph.until(lambda: peer.stamps("depth").count(TICK_NS) >= 2)
+    peer.command(peer.got["depth"][-1].header.stamp)
+    graph.until(lambda: 2 * TICK_NS in peer.stamps("depth"))
+    peer.node.destroy_publisher(second)
 
 
 def test_dead_lockstep_ends_with_an_error(graph):

@@ -10,9 +10,12 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
+from fsw_control.parameters import defaults
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
+from fsw_plant.config import specs as plant_parameters
 from fsw_plant.events import Disturbance, Fault, Sample
+from fsw_plant.lockstep import Lockstep
 from fsw_plant.sensors import Noise, Probe, Sensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -251,20 +254,66 @@ def test_limits_survive_the_units_of_the_wire():
 def test_stamps_are_one_tick_apart_whatever_the_jitter():
     stamps, now = TickStamps(), 1_700_000_000_000_000_000
     jitter = [0, 3_000_000, 0, 4_900_000, 200_000] * 20
-    seen = [stamps.next(now + k * TICK_NS + late) for k, late in enumerate(jitter)]
+    seen = [stamps.next(now + k * TICK_NS + late, k * TICK_NS + late) for k, late in enumerate(jitter)]
     assert seen == [now + k * TICK_NS for k in range(100)]
     assert stamps.jumps == 0
 
 
 def test_stamps_follow_the_wall_clock():
     stamps = TickStamps()
-    stamps.next(0)
-    seen = [stamps.next(k * TICK_NS + 20_000_000) for k in range(1, 3000)]
+    stamps.next(0, 0)
+    seen = [stamps.next(k * TICK_NS + 20_000_000, k * TICK_NS + 20_000_000) for k in range(1, 3000)]
     assert all(TICK_NS <= b - a <= TICK_NS + NUDGE_NS for a, b in pairwise(seen))
     assert 2999 * TICK_NS + 20_000_000 - seen[-1] <= 5_010_000
-    set_back = stamps.next(7 * TICK_NS)
-    assert set_back == 7 * TICK_NS and stamps.jumps == 1
-    assert stamps.next(8 * TICK_NS + JUMP_NS + 1) == 8 * TICK_NS + JUMP_NS + 1 and stamps.jumps == 2
+    assert stamps.jumps == 0
+    held_up_ns = 3000 * TICK_NS + JUMP_NS + 30_000_000
+    assert stamps.next(held_up_ns, held_up_ns) == held_up_ns and stamps.jumps == 1
+    set_ns = held_up_ns + 3600 * 10**9
+    assert stamps.next(set_ns, held_up_ns + TICK_NS) == set_ns and stamps.jumps == 2
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3 * TICK_NS), st.sampled_from([0, 0, 0, -9, 9, -36_000, 36_000, -4])), max_size=60
+    )
+)
+def test_no_stamp_comes_twice_however_the_wall_clock_is_set(moves):
+    stamps, wall_ns, steady_ns = TickStamps(), 10**18, 0
+    seen = [stamps.next(wall_ns, steady_ns)]
+    for elapsed_ns, set_by_ticks in moves:
+        steady_ns += elapsed_ns
+        wall_ns += elapsed_ns + set_by_ticks * TICK_NS
+        seen.append(stamps.next(wall_ns, steady_ns))
+    assert all(before < after for before, after in pairwise(seen))
+    assert seen[-1] >= wall_ns - 2 * TICK_NS, "set-points that are sent now must not lie in the future"
+
+
+def test_a_clock_that_is_set_back_again_and_again_does_not_repeat_stamps():
+    stamps = TickStamps()
+    seen = [stamps.next(10**18 + (k % 9) * TICK_NS, k * TICK_NS) for k in range(300)]
+    assert seen == [10**18 + k * TICK_NS for k in range(300)]
+    assert stamps.jumps == 33
+
+
+def test_watchdog_of_a_plant_whose_steps_are_late_keeps_its_times():
+    dog = Watchdog(DEFAULTS)
+    dog.feed()
+    times_s, forces_kn = {}, [78.4]
+    for count in range(1, 200):
+        forces_kn.append(dog.advance(forces_kn[-1], 0.35))
+        times_s.setdefault(dog.state, count * 0.35)
+    assert times_s[WatchdogState.HOLD] == pytest.approx(1.0, abs=0.46)
+    assert times_s[WatchdogState.SAFE] == pytest.approx(3.0, abs=0.46)
+    assert forces_kn.index(65.0) * 0.35 == pytest.approx(3.0 + 13.4 / 2.0, abs=0.71)
+
+
+def test_watchdog_of_a_plant_that_was_suspended_does_not_ramp_at_once():
+    dog = Watchdog(DEFAULTS)
+    dog.feed()
+    assert dog.advance(78.4, 60.0) == 78.4
+    assert dog.state is not WatchdogState.SAFE
+    assert dog.advance(78.4) == 78.4
+    assert dog.state is WatchdogState.HOLD
 
 
 @given(dead=st.integers(0, 10), targets=st.lists(st.floats(60.0, 95.0), min_size=1, max_size=30))
@@ -281,3 +330,21 @@ def test_dead_time_of_a_drive_may_change_on_the_way():
     assert drive.advance(74.0) == 74.0
     drive.configure(10.0, 0.0, 1)
     assert [drive.advance(target) for target in (75.0, 76.0)] == [74.0, 75.0]
+
+
+def test_lockstep_repeats_an_unanswered_tick_in_time_and_at_once_for_a_new_writer():
+    pace = Lockstep()
+    pace.begin(10.0)
+    assert not pace.must_repeat(11.9, 2.0)
+    assert pace.must_repeat(12.0, 2.0) and not pace.must_repeat(13.9, 2.0) and pace.must_repeat(14.0, 2.0)
+    pace.on_new_writer()
+    assert pace.must_repeat(14.1, 2.0) and not pace.must_repeat(14.5, 2.0) and pace.must_repeat(14.6, 2.0)
+    pace.answered = True
+    assert not pace.must_repeat(99.0, 2.0)
+    pace.begin(100.0)
+    assert not pace.must_repeat(100.6, 2.0), "the next tick reaches the new writer"
+
+
+def test_a_plant_gives_up_later_than_a_standby_takes_over():
+    values = defaults(plant_parameters())
+    assert values["lockstep_give_up_s"] > 2.0 * 30.0 + values["lockstep_timeout_s"]

@@ -24,6 +24,7 @@ from typing import Any
 
 from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState
+from fsw_control.stop import Stop
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
@@ -156,9 +157,16 @@ class Arbiter:
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
-        self.machine.merge_stop(state.stop)
+        self.on_stop(state.stop)
         self.on_source(state.source)
         self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
+
+    def on_stop(self, stop: Stop) -> None:
+        """Take another copy of the stop register; an acknowledgement covers sensors that have jumped, here as there."""
+        was_stopped = self.machine.register.stopped
+        self.machine.merge_stop(stop)
+        if was_stopped and not self.machine.register.stopped:
+            self.safety.readmit(stop.who)
 
     # ---------------------------------------------------------------- leader and standby
 

@@ -68,19 +68,19 @@ class Arbitration:
     def _time_out(self) -> None:
         """End start, hold and a blind manual mode after a time: the force acts, nothing controls the process."""
         machine, settings = self.machine, self.machine.settings
-        ticks, why = machine.ticks_in_mode, machine.reason
+        since_ns, why = machine.mode_since_ns, machine.reason
         if machine.mode is Mode.START:
             trigger, limit_s = Trigger.START_TIMEOUT, settings.start_timeout_s
         elif machine.mode is Mode.HOLD:
             by_operator = machine.target_mode is not Mode.AUTO
             trigger = Trigger.HOLD_TIMEOUT
             limit_s = settings.operator_hold_timeout_s if by_operator else settings.hold_timeout_s
-        elif machine.mode is Mode.MANUAL:
+        elif machine.mode is Mode.MANUAL and self.safety.blind_since_ns is not None:
             trigger, limit_s = Trigger.BLIND_TIMEOUT, settings.operator_hold_timeout_s
-            ticks, why = min(ticks, self.safety.blind_ticks), self.safety.blind
+            since_ns, why = max(since_ns, self.safety.blind_since_ns), self.safety.blind
         else:
             return
-        if ticks >= settings.ticks(limit_s):
+        if machine.elapsed(since_ns, limit_s):
             machine.fire(trigger, f"{machine.mode} for {limit_s:g} s: {why}", "failover")
 
     # ---------------------------------------------------------------- the decision
@@ -231,7 +231,8 @@ class Arbitration:
         if machine.mode is Mode.MANUAL and self.operator.manual is not None:
             wanted = self.operator.manual
         elif machine.mode is Mode.SAFE_STOP:
-            step_kn = settings.safe_rate_kn_per_s * settings.tick_period_s
+            # Between slow measurements the ramp needs more than one move: it is cut to one, as every command is.
+            step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
         self._commit(tick, wanted, str(machine.mode), machine.reason)

@@ -231,7 +231,8 @@ class ControllerRegistry:
             record.duplicates += 1
             earlier = tick.candidates.get(record.name)
             differs = earlier is not None and not same(earlier.command, proposal.command)
-            tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
+            if differs or not self._lockstep:  # in lockstep a controller answers a repeated tick again
+                tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
             return
         record.last_stamp_ns = tick.stamp_ns
         if tick.settled and tick.fault_excused_reason:

@@ -19,6 +19,8 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
+#: on standby in lockstep: how long the leader may take to send what was decided here; it has the same inputs [s]
+_LOCKSTEP_WAIT_S = 1.0
 #: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 #: each takeover within this time doubles the patience of a standby, so that two slow ones do not alternate [s] (chosen)
@@ -141,7 +143,7 @@ class Failover:
 
     def on_stop(self, stop: Stop) -> None:
         """Take another part's copy of the stop register."""
-        self._arbiter.machine.merge_stop(stop)
+        self._arbiter.on_stop(stop)
 
     def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
         """Take a message seen on the command topic, with the signature of its writer."""
@@ -202,6 +204,10 @@ class Failover:
         tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
             self._begin(tick)
+        if self._arbiter.lockstep and tick is not None and not self._drained:
+            decision = None if tick.outcome is None else tick.outcome.decision
+            if decision is not None:
+                self._due_s = min(self._due_s, tick.started_s + decision.latency_s + _LOCKSTEP_WAIT_S)
         if self.role is Role.LISTENING:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:

@@ -8,6 +8,7 @@ from math import isfinite, nan
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode
@@ -20,7 +21,7 @@ class SwitchRequest:
     name: str  #: of the controller
     strict: bool  #: refuse unless it is ready
     expires_s: float  #: steady time at which a best-effort request gives up
-    last_tick: int  #: likewise as the number of a tick (in lockstep, where the steady clock means nothing)
+    expires_ns: int  #: likewise on the clock of ``Machine.time_ns`` (in lockstep, where the steady clock only guards)
     who: str  #: asked
     done: bool = False  #: answered
     ok: bool = False
@@ -38,7 +39,7 @@ class SwitchRequest:
 
 @dataclass(slots=True)
 class OperatorRequests:
-    """Checks requests and serves them between two ticks; in lockstep time-outs count in ticks."""
+    """Checks requests and serves them between two ticks; in lockstep time-outs are times of the stamps."""
 
     machine: Machine
     registry: ControllerRegistry
@@ -46,7 +47,7 @@ class OperatorRequests:
     lockstep: bool
     manual: Command | None = None  #: the values of the manual mode
     _pending: SwitchRequest | None = None
-    _swapped_tick: int | None = None
+    _swapped_ns: int | None = None
 
     @property
     def waiting(self) -> bool:
@@ -61,8 +62,8 @@ class OperatorRequests:
         """
         machine = self.machine
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
-        last_tick = machine.tick + machine.settings.ticks(timeout_s)
-        request = SwitchRequest(name, strict, now_s + timeout_s, last_tick, who)
+        expires_ns = machine.time_ns + round(timeout_s * NANOSECONDS)
+        request = SwitchRequest(name, strict, now_s + timeout_s, expires_ns, who)
         if self.registry.get(name) is None:
             known = ", ".join(record.name for record in self.registry) or "none"
             return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
@@ -159,7 +160,7 @@ class OperatorRequests:
             self.drop(f"refused: {why_not}")
         elif not why_not and request.name != machine.active:
             machine.swap(request.name, f"{request.who} asked for {request.name}", request.who, automatic=False)
-            self._swapped_tick = machine.tick
+            self._swapped_ns = machine.time_ns
 
     def expire(self, now_s: float) -> None:
         """Time out a request that has waited too long; a swap that was made may still be answered in its tick."""
@@ -168,7 +169,7 @@ class OperatorRequests:
             return
         swapped = request.name == self.machine.active
         guard_s = settings.lockstep_deadline_s if self.lockstep else settings.deadline_s if swapped else 0.0
-        late = self.lockstep and self.machine.tick > request.last_tick
+        late = self.lockstep and self.machine.elapsed(request.expires_ns, settings.tick_period_s)
         if late or now_s > request.expires_s + guard_s:
             why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
             self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
@@ -197,11 +198,11 @@ class OperatorRequests:
     def _why_not(self, name: str) -> str:
         """Why a swap to ``name`` cannot be made now; empty when it can."""
         machine, why_not = self.machine, self.registry.why_not_ready(name)
-        if why_not or machine.mode is not Mode.AUTO or name == machine.active or self._swapped_tick is None:
+        if why_not or machine.mode is not Mode.AUTO or name == machine.active or self._swapped_ns is None:
             return why_not
-        elapsed = machine.tick - self._swapped_tick
-        recent = elapsed < machine.settings.ticks(machine.settings.switch_interval_s)
-        return f"the last swap was only {elapsed} ticks ago" if recent else ""
+        recent = not machine.elapsed(self._swapped_ns, machine.settings.switch_interval_s)
+        elapsed_s = (machine.time_ns - self._swapped_ns) / NANOSECONDS
+        return f"the last swap was only {elapsed_s:.1f} s ago" if recent else ""
 
     def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:
         if not request.done or not ok:

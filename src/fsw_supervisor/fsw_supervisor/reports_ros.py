@@ -17,6 +17,7 @@ from fsw_supervisor.controller_registry import ControllerRecord
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
+from fsw_supervisor.ticks import Silence
 
 #: severity of an event as a level of diagnostics
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
@@ -138,7 +139,7 @@ def _process_status(arbiter: Arbiter) -> Report:
     safety, level, parts = arbiter.safety, OK, list[str]()
     if not arbiter.ticks.measuring:
         level = WARN
-        parts.append("no measurements")
+        parts.append("stamps do not advance" if arbiter.ticks.silence is Silence.CLOCK else "no measurements")
     if safety.invalid_sensors:
         level = WARN
         parts.append(f"invalid sensors: {', '.join(safety.invalid_sensors)}")

@@ -12,17 +12,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any
 
+from fsw_control import weld
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
+from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
-from fsw_supervisor.tick import Tick
+from fsw_supervisor.tick import GAP_S, Tick
 
 
 class Severity(StrEnum):
@@ -110,11 +112,11 @@ class Blindness:
         """The clock went back; the sums stay."""
         self._last_ns = None
 
-    def add(self, stamp_ns: int, invalid: tuple[str, ...], automatic: bool) -> None:
-        """Take the sensors that are invalid at a tick."""
-        passed_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+    def add(self, now_ns: int, invalid: tuple[str, ...], automatic: bool) -> None:
+        """Take the sensors that are invalid at a tick; ``now_ns`` as ``Machine.time_ns``."""
+        passed_s = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NANOSECONDS
         passed_s = min(max(passed_s, 0.0), _LONGEST_TICK_S)
-        self._last_ns = stamp_ns
+        self._last_ns = now_ns
         for name, sum_s in self._sum_s.items():
             if name not in invalid:
                 self._sum_s[name] = max(sum_s - _FORGIVEN_SHARE * passed_s, 0.0)
@@ -132,7 +134,8 @@ class SafetyMonitor:
 
     def __init__(self, machine: Machine) -> None:
         self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
-        self.blind_ticks = 0  #: ticks in a row with one of them: each is needed by an interlock
+        #: since when there is one of them (``Machine.time_ns``), each of which an interlock needs; None: there is none
+        self.blind_since_ns: int | None = None
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self._machine = machine
         self._judged = False  #: anything has been measured
@@ -142,8 +145,9 @@ class SafetyMonitor:
         self._standing: dict[str, str] = {}  # jumps and blindness that are there, with the cause in words
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
-        self._runs = {name: dict.fromkeys(_ORDER, 0) for name in _QUANTITIES}
-        self._leaving = dict.fromkeys(_QUANTITIES, 0)
+        self._runs = {name: {level: Persistence() for level in _ORDER} for name in _QUANTITIES}
+        self._leaving = {name: Persistence() for name in _QUANTITIES}
+        self._judged_ns: int | None = None
         self._causes = dict.fromkeys(_QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
@@ -152,7 +156,7 @@ class SafetyMonitor:
         self._guard.configure(sensor_limits(values))
         self._blindness.limit_s = values["blind_limit_s"]
         self._interlocks = interlocks_from(values)
-        self._persistence_ticks = values["interlocks.persistence_ticks"]
+        self._persistence_s = values["interlocks.persistence_s"]
 
     def forget_time(self) -> None:
         """The clock went back: earlier readings do not count any more."""
@@ -203,14 +207,17 @@ class SafetyMonitor:
         tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
-        self.blind_ticks = self.blind_ticks + 1 if self.invalid_sensors else 0
+        if not self.invalid_sensors:
+            self.blind_since_ns = None
+        elif self.blind_since_ns is None:
+            self.blind_since_ns = self._machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
                 self._machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
         for name in before:
             if name not in self.invalid_sensors:
                 self._machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
-        self._blindness.add(tick.stamp_ns, self.invalid_sensors, self._is_automatic)
+        self._blindness.add(self._machine.time_ns, self.invalid_sensors, self._is_automatic)
         self._note_standing(tick.samples)
         residuals = self._consistency.update(measurement)
         known = {
@@ -226,7 +233,7 @@ class SafetyMonitor:
         rejected = {_VALUE[name]: value for name, value in tick.samples.items() if reasons[name] and isfinite(value)}
         if "torque_nm" in rejected:
             rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm))
-        self.watch(known, measurement.held, rejected)
+        self.watch(known, measurement.held, rejected, self._since_judged_s())
         if self.invalid_sensors and self._machine.acknowledged:
             self._machine.renew(StopCause.BLIND, "sensors")  # from now on it is unknown whether a cause is present
 
@@ -256,24 +263,34 @@ class SafetyMonitor:
             if cause not in self._standing:
                 self._machine.log(Level.INFO, "interlock", f"{cause} is ok")
 
+    def _since_judged_s(self) -> float:
+        """Time since the last tick that was judged; one tick period for the first, and after a gap."""
+        before_ns, self._judged_ns = self._judged_ns, self._machine.time_ns
+        elapsed_s = inf if before_ns is None else (self._machine.time_ns - before_ns) / NANOSECONDS
+        return elapsed_s if elapsed_s <= GAP_S else self._machine.settings.tick_period_s
+
     def watch(
-        self, values: Mapping[str, float], held: tuple[str, ...] = (), rejected: Mapping[str, float] | None = None
+        self,
+        values: Mapping[str, float],
+        held: tuple[str, ...] = (),
+        rejected: Mapping[str, float] | None = None,
+        elapsed_s: float = weld.TICK_S,
     ) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
         ``rejected`` are samples that are not valid: one beyond a trip counts as such, any other changes nothing.
 
-        A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
-        spike does not trip. A trip is gone after as many values without it. Values of sensors that are ``held`` are no
-        new ones: they neither trip nor clear. A trip acts for as long as it lasts, in every mode, not only when it
-        begins.
+        A level takes effect when the values of the last ``interlocks.persistence_s``, two at least, were each at that
+        level or worse: a spike does not trip. A trip is gone after as long without it. Values of sensors that are
+        ``held`` are no new ones: they neither trip nor clear. A trip acts for as long as it lasts, in every mode, not
+        only when it begins. ``elapsed_s`` is the time since the values before.
         """
         for item in self._interlocks:
             value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
             if isfinite(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
-                self._judge(item, bad)
+                self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
-                self._judge(item, value)
+                self._judge(item, value, elapsed_s)
         if not self.tripped:
             return
         if self._machine.mode is Mode.SAFE_STOP:
@@ -282,17 +299,18 @@ class SafetyMonitor:
         else:
             self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
 
-    def _judge(self, item: Interlock, value: float) -> None:
+    def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
+        period_s, limit_s, leaving = self._machine.settings.tick_period_s, self._persistence_s, self._leaving[item.name]
         shown = item.level(value, present)
         for level in _ORDER:
-            runs[level] = runs[level] + 1 if _ORDER.index(shown) >= _ORDER.index(level) else 0
+            runs[level].note(_ORDER.index(shown) >= _ORDER.index(level), elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
-        self._leaving[item.name] = self._leaving[item.name] + 1 if leaves else 0
-        if leaves and self._leaving[item.name] < self._persistence_ticks:
+        leaving.note(leaves, elapsed_s, period_s)
+        if leaves and not leaving.reaches(limit_s, period_s):
             return
-        lasting = (level for level in _ORDER if level is present or runs[level] >= self._persistence_ticks)
+        lasting = (level for level in _ORDER if level is present or runs[level].reaches(limit_s, period_s))
         level = min(shown, max(lasting, key=_ORDER.index), key=_ORDER.index)
         if level is present:
             return

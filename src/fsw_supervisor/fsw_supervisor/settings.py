@@ -74,10 +74,6 @@ class ArbiterSettings:
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
         return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))
 
-    def ticks(self, time_s: float) -> int:
-        """Ticks that ``time_s`` is long, at least 1."""
-        return max(1, round(time_s / self.tick_period_s))
-
     def takeover_s(self, lockstep: bool) -> float:
         """Time after a measurement at which a standby counts it as unanswered: the leader has decided by then."""
         if lockstep:

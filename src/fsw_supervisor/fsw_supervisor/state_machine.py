@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_control.stop import Stop, StopCause, StopRegister
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -44,6 +45,7 @@ class Trigger(StrEnum):
     RESTARTED = "restarted"
     STOP_HEARD = "stop_heard"
     INTERLOCK_TRIP = "interlock_trip"
+    CLOCK_STOPPED = "clock_stopped"
 
 
 #: the modes an operator can ask for, with the trigger that each fires
@@ -83,6 +85,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
     *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Trigger.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Trigger.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance") for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
 )
 
@@ -94,6 +97,7 @@ STOP_CAUSES = {
     Trigger.START_TIMEOUT: StopCause.START_TIMEOUT,
     Trigger.BLIND_TIMEOUT: StopCause.BLIND,
     Trigger.RESTARTED: StopCause.RESTART,
+    Trigger.CLOCK_STOPPED: StopCause.CLOCK,
 }
 
 _TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
@@ -149,19 +153,40 @@ class Machine:
         self.transitions = 0  #: changes of mode or controller since the start
         self.revision = 0  #: changes whenever something that an operator sees has changed
         self.tick = 0  #: number of the present tick
+        #: time of the present tick, on the clock of all time-outs: the steady clock, in lockstep that of the stamps
+        self.time_ns = 0
+        self.mode_since_ns = 0  #: time on that clock at which the mode was entered
+        #: time from the tick before to the present one, in whole tick periods, so that jitter does not add up
+        self.step_s = 0.0
         self.slewing = 0  #: ticks left in which the transition limits hold after a swap
         self.register = StopRegister()  #: this supervisor's copy; while it says stopped, the mode is safe stop
         self.reported: Stop | None = None  #: the actuator end's copy, as reported last; None: there is no such end
         self.events: deque[Event] = deque(maxlen=200)  #: the latest, removed when they are published
         self._stamp_ns = 0
         self._mode_tick = 0
-        self._automatic: deque[int] = deque(maxlen=100)
+        self._automatic: deque[int] = deque(maxlen=100)  # times of automatic swaps
+        self._origin_ns = self._periods = 0
         self._told = ("", "", "")  # of the leader: mode, controller, and why
 
-    def advance(self, stamp_ns: int) -> None:
-        """Go on to the next tick."""
+    def advance(self, stamp_ns: int, time_ns: int | None = None) -> None:
+        """Begin the next tick, at ``time_ns`` on the clock of all time-outs; by default one tick period later."""
         self.tick += 1
         self._stamp_ns = stamp_ns
+        period_ns = round(self.settings.tick_period_s * NANOSECONDS)
+        time_ns = self.time_ns + period_ns if time_ns is None else time_ns
+        if self.tick == 1:  # the time in a mode counts from the first measurement, which covers one period
+            self.mode_since_ns = self._origin_ns = time_ns - period_ns
+        self.time_ns = max(time_ns, self.time_ns)
+        before, self._periods = self._periods, round((self.time_ns - self._origin_ns) / period_ns)
+        self.step_s = (self._periods - before) * self.settings.tick_period_s
+
+    def pass_time(self, time_ns: int) -> None:
+        """Let time pass without measurements."""
+        self.time_ns = max(time_ns, self.time_ns)
+
+    def elapsed(self, since_ns: int, limit_s: float) -> bool:
+        """Whether ``limit_s`` has passed since a time; to the nearest tick, so that jitter does not matter."""
+        return (self.time_ns - since_ns) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
 
     @property
     def ticks_in_mode(self) -> int:
@@ -170,8 +195,7 @@ class Machine:
 
     def storming(self) -> bool:
         """Whether there were too many automatic swaps lately."""
-        window = self.settings.ticks(self.settings.storm_window_s)
-        recent = sum(1 for tick in self._automatic if self.tick - tick < window)
+        recent = sum(not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic)
         return recent >= self.settings.storm_swaps > 0
 
     def fire(self, trigger: Trigger, reason: str, who: str, controller: str = "") -> None:
@@ -190,12 +214,12 @@ class Machine:
         self.active = controller if target is Mode.AUTO else ""
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Trigger.CONTROLLER_BACK:
-            self._automatic.append(self.tick)
+            self._automatic.append(self.time_ns)
         self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
 
     def _enter(self, mode: Mode) -> None:
         """Be in a mode from this tick on."""
-        self.mode, self._mode_tick = mode, self.tick
+        self.mode, self._mode_tick, self.mode_since_ns = mode, self.tick, self.time_ns
 
     @property
     def acknowledged(self) -> bool:
@@ -229,7 +253,7 @@ class Machine:
         before, self.active = self.active, name
         self.slewing = self.settings.transition_ticks
         if automatic:
-            self._automatic.append(self.tick)
+            self._automatic.append(self.time_ns)
         self._note(reason, who, f"{before} -> {name}")
 
     def set_target(self, controller: str = "", mode: Mode | None = None) -> None:

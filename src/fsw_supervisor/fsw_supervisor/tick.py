@@ -8,6 +8,9 @@ from math import isclose
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
 
+#: after this long without measurements the command in force counts as unknown [s]
+GAP_S = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class ProposalInput:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+from math import inf
+
 from fsw_control.contract import SENSORS
-from fsw_control.message_synchronizer import StampFilter
+from fsw_control.message_synchronizer import RULES, StampFilter
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level, Trigger
-from fsw_supervisor.tick import Decision, Tick
+from fsw_supervisor.tick import GAP_S, Decision, Tick
 
-#: after this long without measurements the command in force counts as unknown [s]
-GAP_S = 1.0
-#: in real time a stamp far away is accepted after so many tick periods in which nothing else has arrived
-_SILENT_TICKS = 2.5
+#: in real time, time without a usable stamp after which a safe stop begins, as with the drives' watchdog [s]
+CLOCK_STOP_S = 3.0
+
+
+class Silence(StrEnum):
+    """Why no tick begins."""
+
+    MEASUREMENT = "no measurement"
+    CLOCK = "measurements arrive, but their stamps have not advanced"
 
 
 class Ticks:
@@ -27,14 +36,15 @@ class Ticks:
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
-        self._stamps = StampFilter(GAP_S if self._lockstep else _SILENT_TICKS * self._machine.settings.tick_period_s)
-        self._silent = False
+        self._stamps = StampFilter(GAP_S if self._lockstep else RULES.silence_s)
+        self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
+        self._heard_s = -inf  # last arrival of a sample, whatever its stamp
         self._outbox: list[Decision] = []
 
     @property
     def measuring(self) -> bool:
         """Whether measurements arrive."""
-        return self.present is not None and not self._silent
+        return self.present is not None and self.silence is None
 
     @property
     def wakeup_s(self) -> float | None:
@@ -50,6 +60,7 @@ class Ticks:
         sample, because proposals to it arrive meanwhile and the deadline counts from there.
         """
         self.pass_time(now_s)
+        self._heard_s = now_s
         newest_ns = self._stamps.newest_ns
         accepted = self._stamps.offer(source, stamp_ns, value, now_s)
         if accepted is None:
@@ -71,6 +82,8 @@ class Ticks:
         answered by then has failed, stall or not.
         """
         self.now_s = now_s
+        if self._in_gap() and not self._lockstep:
+            self._machine.pass_time(round(now_s * NANOSECONDS))
         tick, settings = self.present, self._machine.settings
         if tick is None or tick.settled or tick.stalled or tick.drained:
             return
@@ -83,10 +96,17 @@ class Ticks:
             self._machine.log(Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s")
 
     def note_silence(self) -> None:
-        """Report, once, that measurements have stopped."""
-        if self.measuring and not self._lockstep and self._in_gap():
-            self._silent = True
-            self._machine.log(Level.ERROR, "sensors", f"no measurement for {GAP_S:g} s")
+        """Report, once, that measurements have stopped, or that their stamps have; the latter lead to a safe stop."""
+        if self._lockstep or self.present is None or not self._in_gap():
+            return
+        silence = Silence.CLOCK if self.now_s - self._heard_s <= GAP_S else Silence.MEASUREMENT
+        if silence is not self.silence:
+            self.silence = silence
+            who = "clock" if silence is Silence.CLOCK else "sensors"
+            self._machine.log(Level.ERROR, who, f"{silence} for {GAP_S:g} s")
+        silent_s = self.now_s - self.present.started_s
+        if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
+            self._machine.fire(Trigger.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
 
     def _in_gap(self) -> bool:
         """Whether the present tick is so old that the plant or this process was suspended."""
@@ -99,12 +119,12 @@ class Ticks:
         gap = back if self._lockstep else self._in_gap()
         if past is not None:
             self._end(past, gap)
-        self._machine.advance(stamp_ns)
+        self._machine.advance(stamp_ns, self._time_ns(stamp_ns, past))
         if back:
             self._machine.log(Level.WARN, "clock", "time went back: continuing from there")
             self._arbitration.safety.forget_time()
             self._registry.forget_time(stamp_ns)
-        self._silent = False
+        self.silence = None
         period_s = settings.lockstep_deadline_s if self._lockstep else settings.deadline_s
         if not self.leading:
             # The leader decides first.
@@ -117,6 +137,13 @@ class Ticks:
         # Before any proposal to it, so that it does not matter which comes first.
         tick.ready = self._registry.all_ready()
         self._registry.take_early(tick, now_s)
+
+    def _time_ns(self, stamp_ns: int, past: Tick | None) -> int | None:
+        """Time of a tick that begins, on the clock of all time-outs; None: one tick period after the one before."""
+        if not self._lockstep:
+            return round(self.now_s * NANOSECONDS)
+        # In lockstep the wall clock means nothing. Where simulated time starts again, the time-outs continue.
+        return self._machine.time_ns + stamp_ns - past.stamp_ns if past and stamp_ns > past.stamp_ns else None
 
     def _end(self, tick: Tick, gap: bool) -> None:
         """Settle a tick that is over: with a command, or after a gap without one."""

@@ -244,7 +244,8 @@ def test_a_standby_is_woken_when_the_leaders_answer_is_overdue(make_leader, lock
     assert standby.failover.wakeup_s is None
     standby.measure()
     assert standby.sent == []
-    due_s = standby.now_s + standby.arbiter.settings.takeover_s(lockstep)
+    # In lockstep it decides when the controllers had 0.3 s to report, and gives the leader one more second.
+    due_s = standby.now_s + (1.3 if lockstep else standby.arbiter.settings.takeover_s(lockstep))
     while standby.sent == []:
         at_s = standby.failover.wakeup_s
         assert at_s is not None
@@ -275,6 +276,27 @@ def test_a_standby_that_was_held_up_hears_what_is_in_its_queues_before_it_takes_
     standby.failover.on_command(Signature(0, "other"), standby.stamp_ns, "nmpc", HELD)
     standby.run(0.05)
     assert standby.failover.role is Role.STANDBY, "the answer was in the queue"
+
+
+def test_in_lockstep_a_standby_does_not_wait_out_the_deadlines_for_what_it_has_decided(make_leader):
+    """With those of a graph it took over after 60 s, when the plant gave up."""
+    patient = {"lockstep_deadline_s": 30.0, "lockstep_shadow_wait_s": 30.0}
+    standby = make_leader(standby=True, lockstep=True, **patient)
+    standby.measure()
+    standby.run(0.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(1.0)
+    assert standby.failover.role is Role.ACTIVE
+    assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
+
+
+def test_in_lockstep_a_leader_that_answers_in_time_stays(make_leader):
+    standby = make_leader(standby=True, lockstep=True, lockstep_deadline_s=30.0)
+    for _ in range(5):
+        standby.measure()
+        standby.run(0.9)
+        standby.failover.on_command("1.other", standby.stamp_ns, "nmpc", Command(80.0, 410.0))
+    assert standby.failover.role is Role.STANDBY
 
 
 def test_in_lockstep_the_first_unanswered_tick_is_taken_over(make_leader):

@@ -153,3 +153,14 @@ def test_timeouts_of_requests_count_in_ticks():
         arbiter.on_time(10.6)
     assert (request.done, request.ok) == (True, False)
     assert request.message.startswith("timed out: nmpc is not ready")
+
+
+def test_answers_to_a_repeated_tick_are_no_second_controller_of_that_name():
+    arbiter = started()
+    for count in range(2, 8):
+        for _ in range(2):
+            begin(arbiter, count * STEP_NS, 10.0 + count)
+            propose(arbiter, "decentral", count * STEP_NS, 10.0 + count, change_kn=0.0)
+        arbiter.on_time(10.6 + count)
+    assert arbiter.registry.get("decentral").doubled == 0
+    assert "two controllers" not in "\n".join(event.text for event in arbiter.machine.events)

@@ -69,7 +69,7 @@ def test_parameters_that_contradict_each_other_are_refused_in_words(changes, wor
         ("duplicate_ticks", 0),
         ("storm_window_s", -1.0),
         ("deadline_s", 0.0),
-        ("interlocks.persistence_ticks", 0),
+        ("interlocks.persistence_s", 0.0),
         ("interlocks.depth_high.hysteresis", -1.0),
     ],
 )
@@ -134,10 +134,11 @@ def test_only_the_first_answer_to_a_request_counts():
 
 def test_new_interlock_limits_hold_at_once():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    changes = {"persistence_ticks": 1, "temperature_high.warn": 840.0, "temperature_high.trip": 845.0}
+    changes = {"persistence_s": 0.2, "temperature_high.warn": 840.0, "temperature_high.trip": 845.0}
     safety = SafetyMonitor(Machine(ArbiterSettings.from_values({})))
     safety.configure(values | {f"interlocks.{key}": value for key, value in changes.items()})
-    safety.watch({"temperature_c": 850.0})
+    for _ in range(2):
+        safety.watch({"temperature_c": 850.0})
     assert safety.tripped == ("temperature_high",)
 
 

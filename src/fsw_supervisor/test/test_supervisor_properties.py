@@ -53,7 +53,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         storm=st.integers(0, 4),
         warm=st.integers(1, 4),
         drives=st.booleans(),
-        persistence=st.sampled_from([1, 3]),
+        persistence=st.sampled_from([0.1, 0.3]),
     )
     def start(self, transition, lockstep, returning, storm, warm, drives, persistence):
         """Make an arbiter with some settings."""
@@ -61,7 +61,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         self.settings = ArbiterSettings.from_values(SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm})
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
         values = defaults(load("fsw_supervisor", "supervisor.yaml"))
-        self.arbiter.safety.configure(values | {"interlocks.persistence_ticks": persistence})
+        self.arbiter.safety.configure(values | {"interlocks.persistence_s": persistence})
         self.drives = Command(78.4, 407.5) if drives else None
         self.now_s = 50.0
         self.stamp_ns = 10**12

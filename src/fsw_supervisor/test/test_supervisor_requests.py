@@ -212,7 +212,7 @@ def test_swaps_of_the_operator_keep_the_interval_that_is_set(make_rig, interval_
     rig.run(1)
     for elapsed in range(round(interval_s / 0.1)):
         refused = ask(rig, "decentral", strict=True)
-        assert refused.message == f"refused: the last swap was only {elapsed} ticks ago"
+        assert refused.message == f"refused: the last swap was only {elapsed / 10:.1f} s ago"
         assert ask(rig, "nmpc").ok, "no swap is needed for the active one"
         rig.run(1)
     assert not ask(rig, "decentral", strict=True).done

@@ -241,7 +241,7 @@ def test_a_level_is_believed_after_as_many_values_at_it_or_worse(monitor, values
 def test_more_persistence_clears_no_trip(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 911.0})
-    monitor.configure(defaults(load("fsw_supervisor", "supervisor.yaml")) | {"interlocks.persistence_ticks": 50})
+    monitor.configure(defaults(load("fsw_supervisor", "supervisor.yaml")) | {"interlocks.persistence_s": 5.0})
     monitor.watch({"temperature_c": 911.0})
     assert monitor.tripped == ("temperature_high",)
 

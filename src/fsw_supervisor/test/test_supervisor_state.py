@@ -247,11 +247,6 @@ def test_limits_that_are_set_are_the_ones_that_hold():
     assert limits.clip(Command(0.0, 0.0), None) == Command(61.0, 310.0)
 
 
-@pytest.mark.parametrize(("time_s", "count"), [(0.0, 1), (0.04, 1), (0.14, 1), (0.16, 2), (1.0, 10)])
-def test_a_time_is_a_whole_number_of_ticks_and_at_least_one(time_s, count):
-    assert ArbiterSettings.from_values({}).ticks(time_s) == count
-
-
 def test_a_leader_is_given_time_to_decide_before_its_tick_counts_as_unanswered():
     settings = ArbiterSettings.from_values({"deadline_s": 0.06, "lockstep_deadline_s": 2.0})
     assert settings.takeover_s(lockstep=False) == pytest.approx(0.09)

@@ -30,7 +30,7 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
-from fsw_supervisor.tick import Decision, ProposalInput
+from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
 
 TICK_NS = round(weld.TICK_S * NANOSECONDS)
 HOME = Command(78.0, 400.0)  #: where the controllers want to be
@@ -86,8 +86,11 @@ _SUPERVISOR = {
 _PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
 _VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR
-#: ticks after which a manual mode without a valid sensor ends
-_BLIND_TICKS = SETTINGS.ticks(SETTINGS.operator_hold_timeout_s)
+#: after this, to the nearest tick, a manual mode without a valid sensor ends
+_BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
+_BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)
+#: ticks after which a level of an interlock takes effect
+_LASTING_TICKS = round(_VALUES["interlocks.persistence_s"] / SETTINGS.tick_period_s)
 _MACHINE = MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").read_text())
 _CONFIG = PlantConfig.from_values(_PLANT)
 _SHARED: list[Any] = [
@@ -351,10 +354,11 @@ class Rules:
     def __init__(self) -> None:
         self.cause = False  #: a trip has lasted, and as many good samples without it have not been seen since
         self.to_acknowledge = False  #: a safe stop has begun and nobody has acknowledged it
-        self._trips = 0  #: good samples in a row beyond the trip
-        self._free = 0  #: good samples in a row without it
+        self._trips = 0  #: ticks that good samples in a row beyond the trip cover
+        self._free = 0  #: the same without it
         self._perhaps = 0  #: as the trips, with samples in between that say nothing
-        self._blind = 0  #: ticks in a row in which the thermocouple may not be used
+        self._measured_s = 0.0  #: last measurement
+        self._blind_s: float | None = None  #: since when the thermocouple may not be used
         self._blind_manual = 0  #: those in manual since it was asked for last
         self._mode = Mode.START
         self._asked_for = ""
@@ -386,7 +390,7 @@ class Rules:
         self._asked_for = wanted if ok else ""
         self.to_acknowledge |= self._asked_for == Mode.SAFE_STOP
         self._blind_manual = 0 if ok else self._blind_manual
-        self._check_mode(mode, self._blind)
+        self._check_mode(mode, was_blind_for_long=False)
 
     def written(self, command: Command, in_force: Command) -> None:
         wrong = refusal(command, SETTINGS.limits, in_force)
@@ -397,7 +401,8 @@ class Rules:
         arbiter = cell.arbiter
         if self._new and measured and cell.candidate != "none" and self._source == Mode.SAFE_STOP:
             self._told = self.to_acknowledge = True
-        blind_before = self._blind  # a time-out ends a mode before the samples of the tick are judged
+        # A time-out ends a mode before the samples of the tick are judged.
+        blind_before = self._blind_s is not None and cell.now_s - self._blind_s > _BLIND_S
         self._sense(cell, measured)
         self._check_mode(arbiter.machine.mode, blind_before)
         self._check_blind(arbiter.machine.mode, measured)
@@ -433,30 +438,39 @@ class Rules:
     def _sense(self, cell: Cell, measured: bool) -> None:
         """Whether there is a cause; a value that is not valid cannot say that it is gone, only that it is there."""
         value = TEMPERATURES_C[cell.temperature]
+        ticks = self._covered_ticks(cell.now_s) if measured else 0
         known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
         beyond = value is not None and isfinite(value) and value >= _VALUES["interlocks.temperature_high.trip"]
         if known or (measured and beyond):
-            lasting = _VALUES["interlocks.persistence_ticks"]
-            self._trips = min(self._trips + 1, lasting) if beyond else 0
-            self._perhaps = min(self._perhaps + 1, lasting) if beyond else 0
-            self._free = self._free + 1 if self.cause and not beyond else 0
+            lasting = _LASTING_TICKS
+            self._trips = min(self._trips + (ticks if self._trips else 1), lasting) if beyond else 0
+            self._perhaps = min(self._perhaps + (ticks if self._perhaps else 1), lasting) if beyond else 0
+            self._free = self._free + (ticks if self._free else 1) if self.cause and not beyond else 0
             self.cause = self._free < lasting if self.cause else self._trips >= lasting
             self.to_acknowledge |= self.cause
         elif measured:
-            self._perhaps += self._perhaps > 0
+            self._perhaps += ticks if self._perhaps else 0
         if measured:
-            self._blind = self._blind + 1 if "thermocouple" in cell.arbiter.safety.invalid_sensors else 0
-            self.to_acknowledge |= self._blind > 0
+            if "thermocouple" not in cell.arbiter.safety.invalid_sensors:
+                self._blind_s = None
+            elif self._blind_s is None:
+                self._blind_s = cell.now_s
+            self.to_acknowledge |= self._blind_s is not None
+
+    def _covered_ticks(self, now_s: float) -> int:
+        """Ticks since the measurement before, which a sample covers; one after a gap."""
+        elapsed_s, self._measured_s = now_s - self._measured_s, now_s
+        return round(elapsed_s / weld.TICK_S) if elapsed_s < GAP_S + weld.TICK_S / 2.0 else 1
 
     def _check_blind(self, mode: Mode, measured: bool) -> None:
-        if mode is not Mode.MANUAL or not self._blind:
+        if mode is not Mode.MANUAL or self._blind_s is None:
             self._blind_manual = 0
         elif measured:
             self._blind_manual += 1
             if self._blind_manual > _BLIND_TICKS + 1:
                 self._broken("a blind manual mode ends", f"it has lasted for {self._blind_manual} ticks")
 
-    def _check_mode(self, mode: Mode, blind_ticks: int) -> None:
+    def _check_mode(self, mode: Mode, was_blind_for_long: bool) -> None:
         before, self._mode = self._mode, mode
         if self.cause and mode is not Mode.SAFE_STOP:
             self._broken("a cause leads to the safe state", f"the mode is {mode} ({before} before)")
@@ -464,9 +478,9 @@ class Rules:
             self._broken("leaving a safe stop needs an acknowledgement", f"{mode} without one")
         if mode is Mode.SAFE_STOP and before is not mode:
             self.to_acknowledge = True
-            blind = before is Mode.MANUAL and blind_ticks >= _BLIND_TICKS
+            blind = before is Mode.MANUAL and was_blind_for_long
             timed_out = before in (Mode.HOLD, Mode.START) or blind or self._told
-            if not (timed_out or self._asked_for == mode or self._perhaps >= _VALUES["interlocks.persistence_ticks"]):
+            if not (timed_out or self._asked_for == mode or self._perhaps >= _LASTING_TICKS):
                 self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
 
     def _broken(self, rule: str, words: str) -> None:
