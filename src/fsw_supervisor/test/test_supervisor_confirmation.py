@@ -1,0 +1,96 @@
+"""A request is answered with success when the actuator end reports its effect."""
+
+import pytest
+
+from fsw_control.contract import Command
+from fsw_control.fence import Signature
+from fsw_supervisor.confirmation import CONFIRM_S, Confirmations
+from fsw_supervisor.state_machine import Mode
+
+pytestmark = pytest.mark.requirement("S38")
+
+
+class Asked:
+    """A leader in control, and its requests."""
+
+    def __init__(self, leader):
+        self.leader, self.operator = leader, leader.arbiter.operator
+        self.confirmations = Confirmations(leader.failover, 0.0)
+
+    def measure(self, count=1):
+        for _ in range(count):
+            self.leader.measure()
+            self.confirmations.on_report()
+            self.confirmations.look(self.leader.now_s)
+            self.leader.run(0.1)
+            self.confirmations.look(self.leader.now_s)
+
+    def mode(self, mode):
+        assert self.operator.ask_mode(str(mode), Command(80.0, 410.0), "operator")[0]
+        if mode is Mode.SAFE_STOP:
+            return self.confirmations.of_stop(self.leader.now_s)
+        return self.confirmations.of_mode(mode, self.leader.now_s)
+
+
+@pytest.fixture
+def asked(leader):
+    """A leader in control."""
+    return Asked(leader)
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.MANUAL, Mode.SAFE_STOP])
+def test_a_mode_is_confirmed_by_the_report_after_its_first_command(asked, mode):
+    waiting = asked.mode(mode)
+    asked.measure()
+    assert waiting.ok is None, "the report that comes first is of the command before"
+    asked.measure()
+    assert waiting.ok is True
+    assert asked.leader.fence.state.source == mode
+
+
+@pytest.mark.requirement("S25")
+def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked):
+    waiting = asked.mode(Mode.SAFE_STOP)
+    asked.leader.run(CONFIRM_S + 0.1)
+    asked.confirmations.look(asked.leader.now_s)
+    assert waiting.ok is False
+    asked.measure(2)
+    assert asked.leader.fence.register.stopped
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.SAFE_STOP])
+def test_a_leader_that_was_deposed_confirms_no_mode(asked, mode):
+    waiting = asked.mode(mode)
+    fence = asked.leader.fence
+    fence.check(Signature(9, "other", fence.register.value), "nmpc")
+    fence.take("nmpc")
+    asked.measure(2)
+    assert waiting.ok is False
+
+
+def test_an_acknowledgement_is_confirmed_when_the_actuator_end_knows_it(asked):
+    asked.mode(Mode.SAFE_STOP)
+    asked.measure(3)
+    assert asked.operator.acknowledge("anna")[0]
+    waiting = asked.confirmations.of_acknowledgement(asked.leader.now_s)
+    asked.measure(2)
+    assert waiting.ok is True
+    assert not asked.leader.fence.register.stopped
+
+
+@pytest.mark.requirement("S25")
+def test_a_stop_of_the_actuator_ends_own_is_not_acknowledged_unseen(asked):
+    """The watchdog has begun a safe stop of the same epoch that has not been reported yet."""
+    asked.mode(Mode.SAFE_STOP)
+    assert not asked.operator.acknowledge("anna")[0], "nothing is reported yet"
+    asked.measure(3)
+    assert asked.operator.acknowledge("anna")[0]
+
+
+def test_auto_is_confirmed_by_a_command_of_the_controller(asked):
+    asked.mode(Mode.HOLD)
+    asked.measure(3)
+    waiting = asked.mode(Mode.AUTO)
+    asked.measure(2)
+    assert waiting.ok is True
+    assert asked.leader.fence.state.source == "decentral"
