@@ -40,6 +40,8 @@ class JoinRules(NamedTuple):
 
 RULES = JoinRules()
 JUMP_NS = RULES.jump_ns
+#: a near stamp of one source alone is taken after so many times ``RULES.silence_s``
+_ALONE = 3.0
 #: in lockstep, where time waits for slow nodes, the same as ``RULES.silence_s`` [s]
 _SILENCE_LOCKSTEP_S = 1.0
 
@@ -69,17 +71,21 @@ class StampFilter:
 
     - A stamp that is newer than the newest accepted one, by ``jump_ns`` at most, advances the time.
     - With any other stamp the clock may have been set, the plant restarted, or only this sample is late or its
-      sensor's clock broken. It becomes the new time when no stamp has advanced the time for ``silence_s``; one that
-      is further away than ``jump_ns`` also when two sources agree on it. So one sensor with a broken clock cannot
-      stop the others, and a clock that goes back stops nothing for long.
+      sensor's clock broken. One that is further away than ``jump_ns`` becomes the new time when two sources agree on
+      it, or no stamp has advanced the time for ``silence_s``; a nearer one when both, or after three times as long. So
+      one sensor with a broken clock cannot stop the others, and a clock that goes back stops nothing for long.
     - A stamp that was accepted in the last ``late_s`` never begins a new time: it is a late or repeated sample. So no
       tick is answered twice, however late samples and steps of the clock meet.
+
+    In ``lockstep`` time waits for slow nodes, so that arrivals say little: a stamp within ``jump_ns`` that is not newer
+    is always a late sample. The plant's stamps do not go back there.
     """
 
-    def __init__(self, silence_s: float) -> None:
+    def __init__(self, lockstep: bool = False) -> None:
         self.newest_ns: int | None = None  #: newest accepted stamp; None before the first
         self.jumps = 0  #: jumps of time since the start
-        self._silence_s = silence_s
+        self._lockstep = lockstep
+        self._silence_s = _SILENCE_LOCKSTEP_S if lockstep else RULES.silence_s
         self._advanced_s = float("-inf")
         self._begin_ns: int | None = None  # the stamp that time has jumped to
         self._outliers: dict[str, tuple[int, float]] = {}
@@ -89,27 +95,32 @@ class StampFilter:
         """Process a sample received at ``now_s`` on a steady clock; returns the sample accepted by this, or None."""
         newest_ns = stamp_ns - 1 if self.newest_ns is None else self.newest_ns
         is_near, is_newer = abs(stamp_ns - newest_ns) <= RULES.jump_ns, stamp_ns > newest_ns
-        is_repeated = stamp_ns == newest_ns or now_s - self._accepted.get(stamp_ns, -inf) < RULES.late_s
+        is_repeated = stamp_ns == newest_ns or self._is_late(stamp_ns, now_s)
         is_before = self._begin_ns is not None and stamp_ns < self._begin_ns
         if is_repeated and (is_newer or is_before or not is_near):
             return None  # of the time before the last jump
         if is_near and is_newer:
             self._advance(stamp_ns, now_s)
             return AcceptedSamples({source: value}, jumped=False)
-        is_silent = now_s - self._advanced_s >= self._silence_s
-        if is_near and (is_repeated or not is_silent):
+        silence_s = now_s - self._advanced_s
+        if is_near and (is_repeated or self._lockstep or silence_s < self._silence_s):
             if is_before:
                 return None
             self._accepted.setdefault(stamp_ns, now_s)
             return AcceptedSamples({source: value}, jumped=False)
         self._outliers[source] = (stamp_ns, value)
         agreeing = {name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns}
+        # A near one that is alone may be of a sensor that lags behind, while the others are held up for a moment.
+        is_silent = silence_s >= (_ALONE * self._silence_s if is_near else self._silence_s)
         if len(agreeing) < RULES.agreeing and not is_silent:
             return None
         self.jumps += 1
         self._begin_ns = stamp_ns
         self._advance(stamp_ns, now_s)
         return AcceptedSamples(agreeing, jumped=True)
+
+    def _is_late(self, stamp_ns: int, now_s: float) -> bool:
+        return not self._lockstep and now_s - self._accepted.get(stamp_ns, -inf) < RULES.late_s
 
     def _advance(self, stamp_ns: int, now_s: float) -> None:
         self.newest_ns, self._advanced_s = stamp_ns, now_s
@@ -131,7 +142,7 @@ class MessageSynchronizer:
 
     def __init__(self, await_drives: bool = False) -> None:
         #: decides which stamps are accepted
-        self.stamps = StampFilter(silence_s=_SILENCE_LOCKSTEP_S if await_drives else RULES.silence_s)
+        self.stamps = StampFilter(lockstep=await_drives)
         #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
         self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
         #: sensors (and ``drives``, ``command``) that were missing in the last tick

@@ -265,7 +265,7 @@ def test_drives_without_sensors_do_not_fill_the_memory():
 
 def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
     second = 10**9
-    stamps = StampFilter(silence_s=0.25)
+    stamps = StampFilter()
     assert stamps.offer("depth", 10 * second, 1.0, 0.0) == ({"depth": 1.0}, False)
     assert stamps.offer("torque", 10 * second, 2.0, 0.0) == ({"torque": 2.0}, False)
     assert stamps.offer("depth", 99 * second, 1.5, 0.1) is None
@@ -278,14 +278,14 @@ def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
 
 
 def test_a_gap_of_exactly_a_second_is_no_jump_of_time():
-    stamps = StampFilter(silence_s=1.0)
+    stamps = StampFilter(lockstep=True)
     stamps.offer("depth", 0, 1.0, 0.0)
     assert not stamps.offer("depth", JUMP_NS, 2.0, 0.1).jumped
     assert stamps.offer("depth", 2 * JUMP_NS + 1, 3.0, 0.2) is None
 
 
 def test_the_rest_of_a_tick_does_not_make_a_far_stamp_forgotten():
-    stamps = StampFilter(silence_s=1.0)
+    stamps = StampFilter(lockstep=True)
     stamps.offer("depth", 0, 1.0, 0.0)
     assert stamps.offer("torque", 5 * JUMP_NS, 2.0, 0.0) is None
     assert not stamps.offer("thermocouple", 0, 3.0, 0.0).jumped
@@ -348,7 +348,7 @@ def test_what_is_older_than_two_ticks_that_wait_is_late():
 
 def feed(stamps_ns):
     """Offer a sample of each sensor every 0.1 s; the stamps that began a tick, with the time on the steady clock."""
-    stamps, begun = StampFilter(RULES.silence_s), []
+    stamps, begun = StampFilter(), []
     for count, stamp_ns in enumerate(stamps_ns):
         for sensor in SENSORS:
             newest_ns, now_s = stamps.newest_ns, count * 0.1
@@ -372,7 +372,7 @@ def test_a_clock_that_goes_back_again_and_again_stops_nothing(back_ticks):
 def test_late_samples_of_a_tick_before_a_step_of_the_clock_do_not_begin_it_again():
     """Two sources agree on the old stamp, but it has begun a tick already."""
     for step in (50, -50, 5, -5):
-        stamps = StampFilter(silence_s=0.25)
+        stamps = StampFilter()
         stamps.offer("depth", 1000 * STEP_NS, 1.0, 0.0)
         for sensor in ("depth", "drives"):
             stamps.offer(sensor, (1000 + step) * STEP_NS, 1.0, 0.1)
@@ -405,7 +405,7 @@ def disturbed_streams(draw):
 @settings(max_examples=300)
 @given(disturbed_streams())
 def test_no_stamp_begins_two_ticks_and_time_never_stands_still(samples):
-    stamps, begun, advanced_s = StampFilter(RULES.silence_s), {}, 0.0
+    stamps, begun, advanced_s = StampFilter(), {}, 0.0
     for now_s, source, stamp_ns in samples:
         newest_ns = stamps.newest_ns
         accepted = stamps.offer(source, stamp_ns, 1.0, now_s)
@@ -432,3 +432,26 @@ def test_a_tick_is_repeated_when_all_its_sensors_have_sent_it_again():
     add_all(join, 2)
     add_all(join, 2, sensors=("torque", "thermocouple"))
     assert not join.take_repeated(), "the first came again for the tick before"
+
+
+@pytest.mark.parametrize("held_up_s", [0.1, 0.3, 0.7])
+def test_a_sensor_that_lags_behind_does_not_set_time_back_while_the_plant_is_held_up(held_up_s):
+    stamps, now_s = StampFilter(), 0.0
+    for k in range(1, 30):
+        now_s += held_up_s if k % 5 == 0 else 0.1
+        for sensor, stamp_ns in (("thermocouple", (k - 7) * STEP_NS), ("depth", k * STEP_NS), ("torque", k * STEP_NS)):
+            accepted = stamps.offer(sensor, stamp_ns, 1.0, now_s)
+            assert accepted is None or not accepted.jumped
+        assert stamps.newest_ns == k * STEP_NS
+
+
+def test_in_lockstep_a_sensor_that_lags_behind_does_not_set_time_back():
+    """However long the plant waits for each tick; the late sample may come before the newer ones."""
+    stamps = StampFilter(lockstep=True)
+    for k in range(1, 30):
+        now_s = 2.5 * k
+        late = stamps.offer("thermocouple", max(k - 3, 1) * STEP_NS, 1.0, now_s)
+        assert late is not None and not late.jumped
+        assert stamps.offer("depth", k * STEP_NS, 1.0, now_s) == ({"depth": 1.0}, False)
+        assert stamps.newest_ns == k * STEP_NS
+    assert stamps.jumps == 0

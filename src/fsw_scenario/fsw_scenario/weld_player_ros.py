@@ -17,7 +17,7 @@ from std_msgs.msg import Header, String
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
-from fsw_control.message_synchronizer import RULES, StampFilter
+from fsw_control.message_synchronizer import StampFilter
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
@@ -77,7 +77,7 @@ class WeldPlayer:
         self.kpi = RunningKpi()
         self.time = ScenarioTime()
         self.set_points = SetPoints(node, scenario, self.time, options.from_start, self._synchronous)
-        self._stamps = StampFilter(1.0 if self._simulated else RULES.silence_s)
+        self._stamps = StampFilter(lockstep=self._simulated)
         self._switches = deque(switches(scenario).items())
         if not options.from_start and "controller" in scenario.model_fields_set:
             self._switches.appendleft((0, scenario.controller))

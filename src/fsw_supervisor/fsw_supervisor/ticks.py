@@ -6,7 +6,7 @@ from enum import StrEnum
 from math import inf
 
 from fsw_control.contract import SENSORS
-from fsw_control.message_synchronizer import RULES, StampFilter
+from fsw_control.message_synchronizer import StampFilter
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level, Trigger
@@ -36,7 +36,7 @@ class Ticks:
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
-        self._stamps = StampFilter(GAP_S if self._lockstep else RULES.silence_s)
+        self._stamps = StampFilter(self._lockstep)
         self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
         self._outbox: list[Decision] = []
