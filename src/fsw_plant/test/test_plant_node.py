@@ -246,12 +246,23 @@ def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     graph.until(lambda: drives and drives[-1].actuator.stop.stopped)
     stop = drives[-1].actuator.stop
     assert (stop.epoch, stop.cause) == (1, Stop.WATCHDOG)
-    peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
-    graph.until(lambda: peer.report("commands") and "stopped" in peer.report("commands").message)
+
+    def commanded(source, condition):
+        """Command until a condition holds; a command to a measurement that is too old is refused."""
+
+        def holds():
+            peer.command(peer.got["depth"][-1].header.stamp, 70.0, 410.0, source)
+            return condition()
+
+        graph.until(holds)
+
+    refused = peer.got["truth"][-1].refused_commands
+    commanded("test", lambda: peer.got["truth"][-1].refused_commands > refused + 10)
     assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
-    peer.stop = Register(2, False)
-    peer.command(peer.got["depth"][-1].header.stamp, 70.0, 410.0)
-    graph.until(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
+    commanded("safe_stop", lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
+    peer.stop = Register(drives[-1].actuator.stop.epoch + 1, False)
+    commanded("safe_stop", lambda: not drives[-1].actuator.stop.stopped)
+    commanded("test", lambda: drives[-1].actuator.source == "test")
 
 
 def test_disturbance_and_fault_services(graph):
