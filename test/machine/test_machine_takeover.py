@@ -20,6 +20,7 @@ from fsw_supervisor.state_machine import Mode
 
 _TICK_S = 0.1
 _START_NS = 1_700_000_000 * NANOSECONDS
+_TORQUE_NM_PER_KN = 12.84
 _VALUES = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
 #: of the PLC: cycles without a set-point until it ramps, the ramp and its end
 _PATIENCE, _RAMP_KN, _SAFE_KN = 5, 0.2, 60.0
@@ -69,7 +70,8 @@ class Loop:
             arbiter.on_actuator(self.gateway.fence.state)
             if isfinite(seen.drives.force_kn):
                 out += arbiter.on_drives(seen.stamp_ns, seen.drives, now_s)
-            for sensor, value in _VALUES.items():
+            values = _VALUES | {"torque": _VALUES["torque"] + _TORQUE_NM_PER_KN * (self.in_force.force_kn - 78.4)}
+            for sensor, value in values.items():
                 out += arbiter.on_sample(sensor, seen.stamp_ns, value, now_s)
             for name in ("decentral", "nmpc"):
                 before = arbiter.applied or self.in_force

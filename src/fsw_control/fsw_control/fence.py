@@ -49,6 +49,7 @@ class Fence:
         self.register = StopRegister()
         self._term, self._leader, self._source = 0, "", ""
         self._answered, self._unanswered, self._overdue = True, 0, 0
+        self._reacted = False  #: it has begun a safe stop of its own since the last command that acts
 
     @property
     def state(self) -> ActuatorState:
@@ -80,7 +81,7 @@ class Fence:
 
     def take(self, source: str) -> None:
         """Note that a command of ``source`` acts from now on."""
-        self._source = source
+        self._source, self._reacted = source, False
 
     @property
     def overdue(self) -> bool:
@@ -88,6 +89,10 @@ class Fence:
         return self._overdue > _PATIENCE
 
     def stop(self, cause: StopCause, since_ns: int) -> None:
-        """Begin a safe stop of the actuator end's own, unless one is in force."""
-        if not self.register.stopped:
+        """Begin a safe stop of the actuator end's own, once for each time that no commands come.
+
+        It takes a new epoch during a safe stop, too: an acknowledgement under way does not cover it.
+        """
+        if not (self.register.stopped and self._reacted):
             self.register.stop(cause, "plant", since_ns)
+        self._reacted = True

@@ -33,9 +33,11 @@ class Confirmations:
         self._waiting: list[Confirmation] = []
 
     def of_stop(self, now_s: float) -> Confirmation:
-        """The safe stop of this supervisor's register, or a later one, is in force."""
-        epoch = self._failover.signature.stop.epoch
-        return self._add(lambda state: state.stop.stopped and state.stop.epoch >= epoch, now_s)
+        """The safe stop of this supervisor's register, or a later one, is in force, and not acknowledged meanwhile."""
+        failover, epoch = self._failover, self._failover.signature.stop.epoch
+        return self._add(
+            lambda state: state.stop.stopped and state.stop.epoch >= epoch and failover.signature.stop.stopped, now_s
+        )
 
     def of_acknowledgement(self, now_s: float) -> Confirmation:
         """The acknowledgement of this supervisor's register is known."""

@@ -62,6 +62,7 @@ class Failover:
         self._arbiter, self._identity = arbiter, identity
         self._heard_term = 0
         self._started_s = self._called_s = self._reported_s = now_s
+        self._asserted_s = self._sent_s = float("-inf")
         self._tick: Tick | None = None
         self._due_s = 0.0
         self._drained = False
@@ -123,8 +124,9 @@ class Failover:
         if decisions and self.actuator is None:
             self._arbiter.withhold(decisions)
             return []
-        if decisions and self.term == 0 and self.actuator is not None:
-            self.term = max(self.actuator.term, self._heard_term) + 1
+        if decisions and self.actuator is not None:
+            self.term = self.term or max(self.actuator.term, self._heard_term) + 1
+            self._sent_s = now_s
         return decisions
 
     # ---------------------------------------------------------------- what is heard
@@ -135,7 +137,8 @@ class Failover:
         if before is not None and state.term > before.term:
             self._takeovers_s.append(now_s)
         self._heard_term = max(self._heard_term, state.term)
-        self._arbiter.on_actuator(state)
+        # After a stall, reports from before the last command are still in the queue.
+        self._arbiter.on_actuator(state, now_s - self._sent_s >= self._arbiter.settings.tick_period_s / 2.0)
         if self.role is Role.ACTIVE and self.term and self._is_other(state):
             self._step_down("another supervisor leads")
         elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
@@ -180,7 +183,9 @@ class Failover:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
             if self.leads or (term, leader) < (self.term, self._identity):
-                self.asserting = True
+                # Not at every message: two that lead, each as far as it knows, would answer each other for ever.
+                if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:
+                    self.asserting, self._asserted_s = True, self._called_s
                 return False
             self._step_down("another supervisor leads")
         follows = term >= self._heard_term

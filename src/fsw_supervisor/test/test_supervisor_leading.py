@@ -295,7 +295,7 @@ def test_in_lockstep_a_leader_that_answers_in_time_stays(make_leader):
     for _ in range(5):
         standby.measure()
         standby.run(0.9)
-        standby.failover.on_command("1.other", standby.stamp_ns, "nmpc", Command(80.0, 410.0))
+        answer(standby)
     assert standby.failover.role is Role.STANDBY
 
 

@@ -68,11 +68,14 @@ def test_a_worse_value_stops_no_later(rig, sensor, value, interlock):
 @pytest.mark.requirement("S36")
 @given(st.floats(1600.0, allow_infinity=False), st.lists(st.sampled_from([NAN, None]), min_size=0, max_size=2))
 def test_a_value_beyond_the_trip_stops_whatever_is_missing_between(value, between):
-    monitor, count = SafetyMonitor(Machine(ArbiterSettings.from_values({}))), itertools.count(1)
+    machine, count = Machine(ArbiterSettings.from_values({})), itertools.count(1)
+    monitor = SafetyMonitor(machine)
 
     def show(torque):
         samples = {name: value for name, value in (GOOD | {"torque": torque}).items() if value is not None}
-        monitor.judge(Tick(next(count) * 10**8, 0.0, 0.08, None, samples=samples), START)
+        stamp_ns = next(count) * 10**8
+        machine.advance(stamp_ns)
+        monitor.judge(Tick(stamp_ns, 0.0, 0.08, None, samples=samples), START)
 
     for _ in range(10):
         show(1052.0)

@@ -141,9 +141,9 @@ def test_a_burst_of_ticks_after_a_stall_does_not_hasten_the_ramp(rig):
 @pytest.mark.parametrize("period_s", PERIODS_S)
 def test_a_trip_takes_effect_after_its_time_and_never_by_a_single_sample(make_rig, period_s):
     rig = make_rig()
-    rig.values["torque"] = 1500.0
+    rig.values["thermocouple"] = 905.0
     rig.run(10)
-    rig.values["torque"] = 1610.0
+    rig.values["thermocouple"] = 912.0
     assert slow_tick(rig, period_s).source == "decentral"
     stops_s = seconds_until(rig, period_s, lambda: rig.last.source == "safe_stop")
     assert stops_s == pytest.approx(max(0.2, period_s))
