@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from fsw_msgs.msg import DriveFeedback
 from fsw_msgs.srv import SetMode
 
-pytestmark = [pytest.mark.real_time, pytest.mark.requirement("S25")]
+pytestmark = pytest.mark.real_time
 
 TICKS = 40
 #: longer than a supervisor waits for the effect of a request
@@ -77,6 +77,7 @@ def stopped(weld):
     stopped.resume()
 
 
+@pytest.mark.requirement("S25")
 def test_a_stop_in_a_pause_of_the_measurements_outlasts_its_leader(stopped):
     weld = stopped.weld
     leader = weld.leader
@@ -91,6 +92,7 @@ def test_a_stop_in_a_pause_of_the_measurements_outlasts_its_leader(stopped):
     stopped.assert_stays()
 
 
+@pytest.mark.requirement("S25")
 def test_a_stop_is_not_outvoted_by_a_leader_that_was_suspended(stopped):
     """The leader before continues after a fresh one has accepted the stop."""
     weld = stopped.weld
@@ -105,6 +107,7 @@ def test_a_stop_is_not_outvoted_by_a_leader_that_was_suspended(stopped):
     stopped.assert_stays()
 
 
+@pytest.mark.requirement("S25")
 def test_a_stop_that_is_confirmed_outlasts_both_supervisors(stopped):
     weld = stopped.weld
     stopped.confirm("safe_stop")
@@ -117,6 +120,7 @@ def test_a_stop_that_is_confirmed_outlasts_both_supervisors(stopped):
     stopped.assert_stays()
 
 
+@pytest.mark.requirement("S25")
 def test_after_the_plants_own_safe_ramp_no_supervisor_raises_the_force(stopped):
     weld = stopped.weld
     for name in weld.supervisors:
@@ -127,6 +131,7 @@ def test_after_the_plants_own_safe_ramp_no_supervisor_raises_the_force(stopped):
     stopped.assert_stays()
 
 
+@pytest.mark.requirement("S25")
 def test_hold_asked_of_a_fresh_supervisor_is_in_force_when_it_is_answered(stopped):
     weld = stopped.weld
     for name in weld.supervisors:

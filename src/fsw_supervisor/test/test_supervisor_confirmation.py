@@ -7,8 +7,6 @@ from fsw_control.fence import Signature
 from fsw_supervisor.confirmation import CONFIRM_S, Confirmations
 from fsw_supervisor.state_machine import Mode
 
-pytestmark = pytest.mark.requirement("S38")
-
 
 class Asked:
     """A leader in control, and its requests."""
@@ -38,6 +36,7 @@ def asked(leader):
     return Asked(leader)
 
 
+@pytest.mark.requirement("S38")
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.MANUAL, Mode.SAFE_STOP])
 def test_a_mode_is_confirmed_by_the_report_after_its_first_command(asked, mode):
     waiting = asked.mode(mode)
@@ -48,7 +47,7 @@ def test_a_mode_is_confirmed_by_the_report_after_its_first_command(asked, mode):
     assert asked.leader.fence.state.source == mode
 
 
-@pytest.mark.requirement("S25")
+@pytest.mark.requirement("S38")
 def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked):
     waiting = asked.mode(Mode.SAFE_STOP)
     asked.leader.run(CONFIRM_S + 0.1)
@@ -58,6 +57,7 @@ def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked)
     assert asked.leader.fence.register.stopped
 
 
+@pytest.mark.requirement("S38")
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.SAFE_STOP])
 def test_a_leader_that_was_deposed_confirms_no_mode(asked, mode):
     waiting = asked.mode(mode)
@@ -68,6 +68,7 @@ def test_a_leader_that_was_deposed_confirms_no_mode(asked, mode):
     assert waiting.ok is False
 
 
+@pytest.mark.requirement("S38")
 def test_an_acknowledgement_is_confirmed_when_the_actuator_end_knows_it(asked):
     asked.mode(Mode.SAFE_STOP)
     asked.measure(3)
@@ -78,7 +79,7 @@ def test_an_acknowledgement_is_confirmed_when_the_actuator_end_knows_it(asked):
     assert not asked.leader.fence.register.stopped
 
 
-@pytest.mark.requirement("S25")
+@pytest.mark.requirement("S38")
 def test_a_stop_of_the_actuator_ends_own_is_not_acknowledged_unseen(asked):
     """The watchdog has begun a safe stop of the same epoch that has not been reported yet."""
     asked.mode(Mode.SAFE_STOP)
@@ -87,6 +88,7 @@ def test_a_stop_of_the_actuator_ends_own_is_not_acknowledged_unseen(asked):
     assert asked.operator.acknowledge("anna")[0]
 
 
+@pytest.mark.requirement("S38")
 def test_auto_is_confirmed_by_a_command_of_the_controller(asked):
     asked.mode(Mode.HOLD)
     asked.measure(3)
