@@ -63,7 +63,8 @@ class CommandGate:
             return wrong
         if measured_ns is None or stamp_ns > measured_ns:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
-        if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns:
+        # A last answer after the last measurement is of the time before the clock was set back.
+        if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns <= measured_ns:
             return "repeated", f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already"
         if measured_ns - stamp_ns > round(self.max_age_s * NANOSECONDS):
             return "too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old"

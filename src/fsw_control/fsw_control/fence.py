@@ -33,7 +33,9 @@ class ActuatorState(NamedTuple):
     term: int = 0  #: greatest term of a command that it has taken
     leader: str = ""  #: who sent that
     unanswered: int = 0  #: measurements in a row before this one that this leader has not answered
-    source: str = ""  #: of the last command taken: a controller, ``manual``, ``hold`` or ``safe_stop``
+    #: of the command that acts: a controller, ``manual``, ``hold`` or ``safe_stop``; empty before the first one, and
+    #: while the actuator end moves the drives by itself
+    source: str = ""
     stop: Stop = Stop()  #: its copy of the stop register
 
 
@@ -60,8 +62,7 @@ class Fence:
         """Note that a new measurement is taken."""
         self._unanswered = 0 if self._answered else self._unanswered + 1
         self._answered = False
-        waits = self.register.stopped and self._source != SAFE_STOP
-        self._overdue = self._overdue + 1 if waits else 0
+        self._overdue = self._overdue + 1 if self._waits else 0
 
     def check(self, signature: Signature, source: str) -> tuple[str, str]:
         """Why a command may not pass: reason, of ``command_gate.REASONS``, and words; both empty if it may.
@@ -86,7 +87,11 @@ class Fence:
     @property
     def overdue(self) -> bool:
         """Whether a safe stop has been in force for some measurements, and no supervisor carries it out."""
-        return self._overdue > _PATIENCE
+        return self._waits and self._overdue > _PATIENCE
+
+    @property
+    def _waits(self) -> bool:
+        return self.register.stopped and self._source != SAFE_STOP
 
     def stop(self, cause: StopCause, since_ns: int) -> None:
         """Begin a safe stop of the actuator end's own, once for each time that no commands come.
@@ -95,4 +100,4 @@ class Fence:
         """
         if not (self.register.stopped and self._reacted):
             self.register.stop(cause, "plant", since_ns)
-        self._reacted = True
+        self._source, self._reacted = "", True

@@ -37,9 +37,6 @@ from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_supervisor.ticks import Ticks
 
-#: after so many unanswered measurements the command in force is what the drives report; one may be late only (chosen)
-_UNANSWERED = 2
-
 
 class Arbiter:
     """Takes all inputs of the supervisor, on their steady time, and returns the commands to be sent.
@@ -157,17 +154,11 @@ class Arbiter:
         if source == Mode.SAFE_STOP and self.ticks.last is None:
             self.machine.fire(Trigger.RESTARTED, "a safe stop was in force before the restart", "start")
 
-    def on_actuator(self, state: ActuatorState, is_settled: bool = True) -> None:
-        """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did.
-
-        ``is_settled``: this supervisor has sent nothing just now that the report cannot show yet.
-        """
+    def on_actuator(self, state: ActuatorState) -> None:
+        """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
         self.on_stop(state.stop)
         self.on_source(state.source)
-        if state.unanswered >= _UNANSWERED and is_settled:
-            # What was sent, here or by a leader, has not arrived, and the drives may have moved by themselves.
-            self.in_force.forget()
         self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
 
     def on_stop(self, stop: Stop) -> None:

@@ -20,6 +20,7 @@ class Confirmation:
     effect: Callable[[ActuatorState], bool]  #: whether a report shows the effect
     due_s: float  #: steady time at which it counts as not confirmed
     source_before: str  #: of the command that acted when it was asked for
+    begins_s: float  #: steady time before which reports do not count: they may have waited here
     reports: int = 0  #: since then
     ok: bool | None = None
     on_done: Callable[[], object] | None = None  #: called when it is known
@@ -56,16 +57,18 @@ class Confirmations:
             leads = self._failover.leads and state.source == wanted != ""
             return leads and (self_.reports > 1 or (self_.reports == 1 and state.source != self_.source_before))
 
-        self_ = self._add(shows, now_s)
+        self_ = self._add(shows, now_s, self._failover.machine.settings.tick_period_s)
         return self_
 
     def of_source(self, name: str, now_s: float) -> Confirmation:
         """A command of the controller ``name`` acts."""
-        return self._add(lambda state: self._failover.leads and state.source == name, now_s)
+        period_s = self._failover.machine.settings.tick_period_s
+        return self._add(lambda state: self._failover.leads and state.source == name, now_s, period_s)
 
-    def _add(self, effect: Callable[[ActuatorState], bool], now_s: float) -> Confirmation:
+    def _add(self, effect: Callable[[ActuatorState], bool], now_s: float, drain_s: float = 0.0) -> Confirmation:
         state = self._failover.actuator
-        waiting = Confirmation(effect, now_s + self._wait_s, "" if state is None else state.source)
+        source = "" if state is None else state.source
+        waiting = Confirmation(effect, now_s + self._wait_s, source, now_s + drain_s)
         self._waiting.append(waiting)
         return waiting
 
@@ -78,7 +81,7 @@ class Confirmations:
         """Answer what is known."""
         state, leads = self._failover.actuator, self._failover.role is Role.ACTIVE
         for waiting in [*self._waiting]:
-            shown = state is not None and waiting.reports > 0 and waiting.effect(state)
+            shown = state is not None and waiting.reports > 0 and now_s >= waiting.begins_s and waiting.effect(state)
             if shown or not leads or now_s >= waiting.due_s:
                 self._waiting.remove(waiting)
                 waiting.ok = shown

@@ -62,7 +62,8 @@ class Failover:
         self._arbiter, self._identity = arbiter, identity
         self._heard_term = 0
         self._started_s = self._called_s = self._reported_s = now_s
-        self._asserted_s = self._sent_s = float("-inf")
+        self._asserted_s = float("-inf")
+        self._confirmed = False  #: the actuator end has reported the present lead
         self._tick: Tick | None = None
         self._due_s = 0.0
         self._drained = False
@@ -119,14 +120,13 @@ class Failover:
             if not self._takes_over(now_s):
                 return []
             why = f"{TOOK_OVER}: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
-            self.role, self.term = Role.ACTIVE, 0
+            self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(why)
         if decisions and self.actuator is None:
             self._arbiter.withhold(decisions)
             return []
         if decisions and self.actuator is not None:
             self.term = self.term or max(self.actuator.term, self._heard_term) + 1
-            self._sent_s = now_s
         return decisions
 
     # ---------------------------------------------------------------- what is heard
@@ -137,8 +137,8 @@ class Failover:
         if before is not None and state.term > before.term:
             self._takeovers_s.append(now_s)
         self._heard_term = max(self._heard_term, state.term)
-        # After a stall, reports from before the last command are still in the queue.
-        self._arbiter.on_actuator(state, now_s - self._sent_s >= self._arbiter.settings.tick_period_s / 2.0)
+        self._confirmed |= state.leader == self._identity
+        self._arbiter.on_actuator(state)
         if self.role is Role.ACTIVE and self.term and self._is_other(state):
             self._step_down("another supervisor leads")
         elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
@@ -251,10 +251,16 @@ class Failover:
         return settings.takeover_s(True) / 2.0 if self._arbiter.lockstep else SILENT_PERIODS * settings.tick_period_s
 
     def _is_other(self, state: ActuatorState) -> bool:
-        """Whether the actuator end follows another leader; a term of this one that it has not seen yet may be ahead."""
-        return state.leader != self._identity and state.term >= self.term
+        """Whether the actuator end follows another leader.
+
+        A term of this one that it has not seen yet may be ahead; but it is not asserted against a leader that answers.
+        """
+        other = state.leader not in ("", self._identity)
+        return other and (state.term >= self.term or (state.unanswered == 0 and not self._confirmed))
 
     def _step_down(self, reason: str) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
         self._tick = self._arbiter.ticks.present
+        # While nothing is measured, two would give way to each other as fast as messages travel.
+        self._due_s = self._called_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
         self._arbiter.step_down(reason)

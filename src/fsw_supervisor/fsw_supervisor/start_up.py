@@ -66,8 +66,8 @@ class StartUp:
         candidate = tick.candidates.get(machine.target)
         if tick.drives is not None:
             self._begin_from(tick, self._in_force.commanded(tick.drives), "the drives' feedback")
-        elif not final or not self._heard(now_s):
-            return False
+        elif not final or not self._heard(now_s) or machine.reported is not None:
+            return False  # an actuator end that reports may have moved the drives by itself
         elif self._in_force.seen is not None:
             self._begin_from(tick, self._in_force.seen, "the last command seen")
         elif candidate is not None and not candidate.refusal:

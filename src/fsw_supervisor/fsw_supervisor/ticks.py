@@ -147,7 +147,9 @@ class Ticks:
 
     def _end(self, tick: Tick, gap: bool) -> None:
         """Settle a tick that is over: with a command, or after a gap without one."""
-        if not tick.settled and gap:
+        # What the drives did at a measurement that is over does not say what they do now.
+        unknown = self._in_force.applied is None and not self._in_force.before_first
+        if not tick.settled and (gap or unknown):
             tick.settle()
             self.lost += 1
         elif not tick.settled:

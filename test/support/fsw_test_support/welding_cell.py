@@ -17,6 +17,7 @@ from typing import Any
 from fsw_control import weld
 from fsw_control.command_check import refusal
 from fsw_control.contract import SENSORS, Command
+from fsw_control.fence import Signature
 from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Frozen, sensor_limits
@@ -263,7 +264,10 @@ class Cell:
                 continue
             if self.gateway is not None:
                 at_s = self.now_s + 0.09
-                order = self.gateway.on_command(decision.command, decision.stamp_ns, decision.source, True, at_s)
+                signature = Signature(1, "supervisor", self.arbiter.machine.register.value)
+                order = self.gateway.on_command(
+                    decision.command, decision.stamp_ns, decision.source, True, at_s, signature
+                )
                 if order is None:
                     continue
                 self.rules.written(order.command, self.in_force)
@@ -292,6 +296,8 @@ class Cell:
             (late if kind == "late" else messages).append(partial(arbiter.on_proposal, name, proposal))
             messages.append(partial(self._tell_status, name))
         decisions, at_s = list[Decision](), self.now_s
+        if self.gateway is not None:
+            arbiter.on_actuator(self.gateway.fence.state)
         for message in permuted(messages, rank):
             at_s += 0.001
             decisions += message(at_s)
@@ -358,6 +364,7 @@ class Rules:
         self._free = 0  #: the same without it
         self._perhaps = 0  #: as the trips, with samples in between that say nothing
         self._measured_s = 0.0  #: last measurement
+        self._reacted, self._stopped = False, True
         self._blind_s: float | None = None  #: since when the thermocouple may not be used
         self._blind_manual = 0  #: those in manual since it was asked for last
         self._mode = Mode.START
@@ -400,10 +407,14 @@ class Rules:
     def after_tick(self, cell: Cell, decisions: list[Decision], measured: bool) -> None:
         arbiter = cell.arbiter
         if self._new and measured and cell.candidate != "none" and self._source == Mode.SAFE_STOP:
-            self._told = self.to_acknowledge = True
+            self._told = True  # unless it is acknowledged, which the gateway remembers
+            self.to_acknowledge |= cell.gateway is None or cell.gateway.fence.register.stopped
         # A time-out ends a mode before the samples of the tick are judged.
         blind_before = self._blind_s is not None and cell.now_s - self._blind_s > _BLIND_S
         self._sense(cell, measured)
+        # A machine that has moved by itself: the gateway's own safe stop.
+        self._reacted = cell.gateway is not None and cell.gateway.fence.register.stopped
+        self._stopped = cell.arbiter.machine.register.stopped
         self._check_mode(arbiter.machine.mode, blind_before)
         self._check_blind(arbiter.machine.mode, measured)
         self._asked_for = ""
@@ -477,10 +488,11 @@ class Rules:
         if before is Mode.SAFE_STOP and mode is not before and self.to_acknowledge:
             self._broken("leaving a safe stop needs an acknowledgement", f"{mode} without one")
         if mode is Mode.SAFE_STOP and before is not mode:
-            self.to_acknowledge = True
+            self.to_acknowledge |= self._stopped
             blind = before is Mode.MANUAL and was_blind_for_long
             timed_out = before in (Mode.HOLD, Mode.START) or blind or self._told
-            if not (timed_out or self._asked_for == mode or self._perhaps >= _LASTING_TICKS):
+            expected = timed_out or self._reacted or self._asked_for == mode
+            if not (expected or self._perhaps >= _LASTING_TICKS):
                 self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
 
     def _broken(self, rule: str, words: str) -> None:
