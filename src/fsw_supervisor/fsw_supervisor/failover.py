@@ -80,7 +80,8 @@ class Failover:
     @property
     def wakeup_s(self) -> float | None:
         """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
-        times = [time for time in (self._arbiter.wakeup_s,) if time is not None]
+        arbiter_s = self._arbiter.wakeup_s
+        times = [] if arbiter_s is None else [arbiter_s]
         if self.role is Role.LISTENING:
             times.append(self._listening_ends_s)
         waiting = self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered

@@ -32,11 +32,10 @@ from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
+from fsw_test_support.short_times import HOME, NAMES, SUPERVISOR, TORQUE_NM_PER_KN
 
 TICK_NS = round(weld.TICK_S * NANOSECONDS)
-HOME = Command(78.0, 400.0)  #: where the controllers want to be
 MANUAL = Command(88.0, 430.0)  #: where the operator's hand wants to be, ten moves away
-NAMES = ("decentral", "nmpc")
 #: what the thermocouple shows [degC]; None: no sample
 TEMPERATURES_C: dict[str, float | None] = {
     "good": 885.0,
@@ -55,34 +54,15 @@ RESTART = "restart"
 ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS, RESTART)
 #: what a load cell sees besides the set-points when something pushes: three moves
 _PUSH_KN = 3.0
-#: what a kN more adds to the torque at the paper's operating point [N m]
-_TORQUE_NM_PER_KN = 12.84
 #: ticks of a switch request until it must be answered: its time-out, and the tick in which that is noticed
 _ANSWER_TICKS = 5
 _SWITCH_TIMEOUT_S = 0.3
-#: times shortened, so that a few ticks lead everywhere
-_SUPERVISOR = {
-    "warm_ticks": 2,
-    "readmit_ticks": 3,
+_SUPERVISOR = SUPERVISOR | {
     "start_timeout_s": 1.0,
     "hold_timeout_s": 0.4,
     "operator_hold_timeout_s": 0.6,
     "storm_swaps": 3,
     "storm_window_s": 1.0,
-    "transition_ticks": 2,
-    "takeover_wait_s": 0.1,
-    "first_report_wait_s": 0.2,
-    "safe_force_kn": 75.0,
-    "safe_rate_kn_per_s": 10.0,
-    # These have tests of their own: here the drives move at once, which no process does.
-    "blind_limit_s": 3600.0,
-    "validity.torque.max_jump": 1000.0,
-    **{
-        f"interlocks.{value}_model_{side}.{level}": sign * limit
-        for value in ("torque", "depth", "temperature")
-        for side, sign in (("low", -1.0), ("high", 1.0))
-        for level, limit in (("warn", 900.0), ("trip", 1000.0))
-    },
 }
 _PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
@@ -286,7 +266,7 @@ class Cell:
         arbiter = self.arbiter
         messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
         late: list[_Message] = []
-        torque_nm = 980.0 + _TORQUE_NM_PER_KN * (drives.force_kn - HOME.force_kn)
+        torque_nm = 980.0 + TORQUE_NM_PER_KN * (drives.force_kn - HOME.force_kn)
         for sensor, value in zip(SENSORS, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True):
             if value is not None:
                 messages.append(partial(arbiter.on_sample, sensor, stamp_ns, value))
