@@ -46,10 +46,18 @@ PARTS = {
 WRONG = {
     "temperature_low": 905.0,
     "temperature_high": 700.0,
+    "depth_low": 3.2,
     "depth_high": 2.0,
     "force_high": 40.0,
+    "torque_low": 1200.0,
     "torque_high": 500.0,
     "power_high": 20.0,
+    "torque_model_low": 20.0,
+    "torque_model_high": -20.0,
+    "depth_model_low": 0.5,
+    "depth_model_high": -0.5,
+    "temperature_model_low": 100.0,
+    "temperature_model_high": -100.0,
 }
 DEFAULTS = load_yaml(files("fsw_supervisor").joinpath("supervisor.yaml").read_text(encoding="utf-8"))
 USUAL = {
@@ -229,7 +237,7 @@ def test_alarms_of_the_process(graph):
         return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
 
     weld.cycle("sensor:torque", fault("nan", sensor="torque"), fault("none", sensor="torque"), "its value is no number")
-    weld.cycle("deviation:depth_mm", disturb("depth", "step", 0.5), disturb("depth", "none"), "Depth off")
+    weld.cycle("deviation:depth_mm", disturb("depth", "step", 0.2), disturb("depth", "none"), "Depth off")
     weld.cycle("deviation:temperature_c", fault("bias", -30.0), fault("none"), "Temperature off")
     weld.cycle("quality_temperature", fault("bias", -30.0), fault("none"), "outside 790 to 910")
     for value, channel, amplitude in (("force_kn", "axial_force", 10.0), ("speed_rpm", "spindle_speed", 40.0)):
@@ -245,7 +253,7 @@ def test_alarms_of_stops(graph):
     weld = graph.weld()
 
     def trip(name):
-        sooner = 0.1 if name == "temperature_low" else -0.1
+        sooner = 0.1 if name.endswith("_low") else -0.1
         weld.limit(name, warn=WRONG[name] + sooner, trip=WRONG[name])
         weld.alarm("safe_stop", "active")
 

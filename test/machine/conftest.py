@@ -1,4 +1,4 @@
-"""The whole chain at the emulated machine, one for each file of tests."""
+"""The whole chain at the emulated machine."""
 
 import sys
 from importlib import resources
@@ -10,7 +10,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from machine_weld import GRAPH, MachineWeld
 
-from fsw_control import weld as weld_numbers
 from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_test_support import machine_server
@@ -44,38 +43,31 @@ def secured(tmp_path_factory, shipped_text):
     return folder, {"security": security, "user": {"name": "fsw", "password_file": str(folder / "password")}} | units
 
 
-@pytest.fixture(scope="module")
-def chain(tmp_path_factory, shipped_text, secured):
-    """Everything, with security and SI units, and a proxy between gateway and machine."""
-    folder = tmp_path_factory.mktemp("weld")
+@pytest.fixture
+def weld(tmp_path, shipped_text, secured):
+    """A weld with security and SI units, and a proxy between gateway and machine; no command in it is a bump.
+
+    Each test has its own: what a test breaks ends in a safe stop, after which the copper cools.
+    """
     keys, parts = secured
     port = free_port()
     machine = RunningMachine(
-        write_machine_file(folder / "server.yaml", port, shipped_text, **parts), keys / "server_key.pem"
+        write_machine_file(tmp_path / "server.yaml", port, shipped_text, **parts), keys / "server_key.pem"
     )
     proxy = Proxy(port)
-    file = write_machine_file(folder / "machine.yaml", proxy.port, shipped_text, **parts)
-    with free_domain() as domain, Launcher(folder / "log", domain, PATIENCE_S) as launcher:
+    file = write_machine_file(tmp_path / "machine.yaml", proxy.port, shipped_text, **parts)
+    with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         weld = MachineWeld(domain, launcher, machine, file)
         weld.proxy = proxy
         weld.start(*GRAPH)
+        weld.runs()
+        first = len(weld.taken())
         yield weld
+        weld.runs(more=3)
+        weld.assert_no_bump(first)
         weld.close()
-        codes = launcher.stop()
+        lives = {name for name, child in launcher.children.items() if child.running}
+        codes = {name: code for name, code in launcher.stop().items() if name in lives}
         proxy.stop()
         machine.stop()
         assert set(codes.values()) == {0}, codes
-
-
-@pytest.fixture
-def weld(chain):
-    """The chain with all parts running; afterwards no command has been a bump."""
-    for name in GRAPH:
-        if not chain.launcher.children[name].running:
-            chain.start(name)
-    chain.runs()
-    chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 40.0, "the process to settle")
-    first = len(chain.taken())
-    yield chain
-    chain.runs(more=3)
-    chain.assert_no_bump(first)

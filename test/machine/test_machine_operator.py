@@ -10,11 +10,11 @@ from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import WeldCommand
 
 
-@pytest.fixture(scope="module")
-def desk(chain):
+@pytest.fixture
+def desk(weld):
     """The alarms of the operator's page, in this graph."""
-    watch = Watch(chain.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
-    return AlarmDesk(chain.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__)
+    watch = Watch(weld.node, lambda rows, restarted: None, lambda plan: None, lambda: None)
+    return AlarmDesk(weld.node, watch, defaults(load("fsw_hmi", "hmi.yaml")).__getitem__)
 
 
 def until_alarm(weld, desk, name, state, text=""):

@@ -66,7 +66,7 @@ _SUPERVISOR = SUPERVISOR | {
 }
 _PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
 SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
-_VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR
+_VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR | {"validity.frozen_samples": 0}
 #: after this, to the nearest tick, a manual mode without a valid sensor ends
 _BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
 _BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)
@@ -89,7 +89,8 @@ def _shared(index: int) -> object:
     return _SHARED[index]
 
 
-# A copy of a cell shares what never changes; signals without noise are never judged to be frozen.
+# A copy of a cell shares what never changes. Signals without noise are never judged to be frozen, so that what has
+# been learnt of their noise does not matter.
 for _kind in {type(one) for one in _SHARED}:
     copyreg.pickle(_kind, lambda one: (_shared, (_SHARED.index(one),)))
 copyreg.pickle(Frozen, lambda _: (Frozen, ()))
