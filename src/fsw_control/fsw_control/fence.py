@@ -64,12 +64,24 @@ class Fence:
         self._answered = False
         self._overdue = self._overdue + 1 if self._waits else 0
 
+    def hear(self, stop: Stop) -> None:
+        """Merge another part's copy of the stop register.
+
+        Two stops of one epoch were made without knowing each other. An acknowledgement of the first may be under way
+        that was made before the second, so a new epoch begins, which it does not cover.
+        """
+        own = self.register.value
+        self.register.merge(stop)
+        if own.stopped and stop.stopped and stop.epoch == own.epoch and stop != own:
+            latest = self.register.value
+            self.register.stop(latest.cause, latest.who, latest.since_ns)
+
     def check(self, signature: Signature, source: str) -> tuple[str, str]:
         """Why a command may not pass: reason, of ``command_gate.REASONS``, and words; both empty if it may.
 
         Its copy of the stop register counts in any case.
         """
-        self.register.merge(signature.stop)
+        self.hear(signature.stop)
         same = signature.term == self._term and signature.leader == self._leader
         if not same and signature.term <= self._term:
             return "leader", f"supervisor {signature.leader or 'unknown'} no longer leads: term {signature.term}"

@@ -54,6 +54,20 @@ def test_a_new_stop_is_greater_than_any_acknowledgement_that_was_heard(heard):
     assert register.stopped
 
 
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("second", ["aaron", "zoe"])
+def test_acknowledgement_of_one_stop_does_not_cover_another_of_its_epoch(second):
+    fence, acknowledging = Fence(), StopRegister()
+    first = Stop(1, True, StopCause.OPERATOR, "anna")
+    fence.hear(first)
+    acknowledging.merge(first)
+    acknowledging.acknowledge("anna", 0)
+    for _ in range(2):
+        fence.hear(Stop(1, True, StopCause.OPERATOR, second))
+    fence.hear(acknowledging.value)
+    assert fence.register.value.stopped and fence.register.value.epoch == 2
+
+
 def test_the_last_epoch_is_a_stop_for_ever():
     register = StopRegister()
     register.merge(Stop(LAST_EPOCH - 1, True))
@@ -88,7 +102,7 @@ def test_fence_invariants_hold_whatever_arrives(happened):
                 assert source == "safe_stop" or value.stop == state.stop, "it knows the present epoch"
                 assert leaders.setdefault(value.term, value.leader) == value.leader
         elif what == "heard":
-            fence.register.merge(value)
+            fence.hear(value)
         elif what == "measure":
             fence.measure()
         else:

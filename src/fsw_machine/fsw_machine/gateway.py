@@ -113,7 +113,7 @@ class Gateway:
         self._stamp_ns: int | None = None
         self._published_s = -inf
         self._under_way: Order | None = None
-        self._waiting: tuple[Command, int, str] | None = None
+        self._waiting: tuple[Command, int, str, Signature] | None = None
         self._sent: list[Command] = []  # what may have reached the machine and was not seen to be in force yet
         self._seen: Command | None = None  # in force at the last read so long after a command
         self._sent_cycle = 0
@@ -226,7 +226,7 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = self._waiting, (command, counter, source)
+            overtaken, self._waiting = self._waiting, (command, counter, source, signature)
             if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
                 self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
@@ -344,8 +344,11 @@ class Gateway:
         waiting, self._waiting = self._waiting, None
         if waiting is None:
             return None
-        reason, words = self._closed(now_s)
+        command, counter, source, signature = waiting
+        reason, words = self.fence.check(signature, source)  # a safe stop may have come while it waited
+        if not reason:
+            reason, words = self._closed(now_s)
         if reason:
             self.gate.refuse(reason, words)
             return None
-        return self._order(*waiting, now_s)
+        return self._order(command, counter, source, now_s)

@@ -81,7 +81,7 @@ class MachineNode(ManagedNode):
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
         self._guard.check(self._settings["discovery_s"], self._announce)
-        self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.register.merge)
+        self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)

@@ -7,7 +7,7 @@ import pytest
 
 from fsw_control import Command
 from fsw_control.fence import Signature
-from fsw_control.stop import StopCause
+from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
 from fsw_machine.samples import RawValue
@@ -173,6 +173,16 @@ def test_of_two_that_wait_the_newer_is_written_and_the_other_refused(running):
         assert running.command(force_kn) is None
     assert running.refused == {"unanswered"} and "of 0.200 s ago" in running.gateway.gate.last_refusal
     assert running.obey(order).command.force_kn == 78.6
+
+
+@pytest.mark.requirement("S25")
+def test_a_command_that_waits_when_a_safe_stop_comes_is_not_written(running):
+    order = running.command()
+    running.cycle()
+    assert running.command() is None and not running.refused
+    running.gateway.fence.hear(Stop(1, True, StopCause.OPERATOR, "anna"))
+    assert running.obey(order) is None
+    assert running.refused == {"stopped"}
 
 
 @pytest.mark.parametrize("reason", ["not_permissive", "jump", "stale_read"])

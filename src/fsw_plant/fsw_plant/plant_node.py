@@ -85,7 +85,7 @@ class PlantNode(ManagedNode):
         """Make sure that the plant is alone, and begin to tick once all are there."""
         self._pace = Lockstep()
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
-        self._stop = StopHolder(self, self._fence.register, self._fence.register.merge)
+        self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._settings["process"] == "canister":  # before the player's word that a tick is complete
             self.create_subscription(WeldProgress, "fsw/weld_progress", self._on_progress, LATEST)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fsw_control.fence import ActuatorState
+from fsw_control.stop import Stop
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 
@@ -32,13 +33,24 @@ class Confirmations:
     def __init__(self, failover: Failover, lockstep_wait_s: float) -> None:
         self._failover, self._wait_s = failover, max(CONFIRM_S, lockstep_wait_s)
         self._waiting: list[Confirmation] = []
+        self._asked = Stop()  # the safe stop of this supervisor's last request, which covers those before
 
     def of_stop(self, now_s: float) -> Confirmation:
-        """The safe stop of this supervisor's register, or a later one, is in force, and not acknowledged meanwhile."""
-        failover, epoch = self._failover, self._failover.signature.stop.epoch
-        return self._add(
-            lambda state: state.stop.stopped and state.stop.epoch >= epoch and failover.signature.stop.stopped, now_s
-        )
+        """The safe stop of this supervisor's register is in force, and not acknowledged meanwhile.
+
+        Another stop at the actuator end does not count: an acknowledgement of it may be under way that was
+        given before this request. So this supervisor stops again when it has heard another one.
+        """
+        machine = self._failover.machine
+        self._asked = machine.register.value
+
+        def shows(state: ActuatorState) -> bool:
+            if machine.register.stopped and machine.register.value != self._asked:
+                machine.stop_again(self._asked.who)
+                self._asked = machine.register.value
+            return machine.register.stopped and state.stop == self._asked
+
+        return self._add(shows, now_s)
 
     def of_acknowledgement(self, now_s: float) -> Confirmation:
         """The acknowledgement of this supervisor's register is known."""

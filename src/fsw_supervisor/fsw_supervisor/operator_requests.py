@@ -112,6 +112,8 @@ class OperatorRequests:
                 return False, f"refused: {self.registry.why_not_ready(machine.target)}"
         machine.set_target(mode=wanted)
         if wanted is machine.mode:
+            if machine.register.stopped:
+                machine.stop_again(who)
             machine.renew()
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO:

@@ -233,6 +233,11 @@ class Machine:
             self.revision += 1
         self._enter(self.mode)
 
+    def stop_again(self, who: str) -> None:
+        """A safe stop is requested while one is in force, which may be acknowledged elsewhere: it takes a new epoch."""
+        self.register.stop(self.register.value.cause, who, self._stamp_ns)
+        self.revision += 1
+
     def acknowledge(self, who: str) -> None:
         """Let the present safe stop be left when the operator asks for another mode."""
         if self.register.stopped:

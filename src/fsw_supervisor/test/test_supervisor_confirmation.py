@@ -4,6 +4,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_control.fence import Signature
+from fsw_control.stop import StopCause, StopRegister
 from fsw_supervisor.confirmation import CONFIRM_S, Confirmations
 from fsw_supervisor.state_machine import Mode
 
@@ -55,6 +56,33 @@ def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked)
     assert waiting.ok is False
     asked.measure(2)
     assert asked.leader.fence.register.stopped
+
+
+@pytest.mark.requirement("S25", "S38")
+@pytest.mark.parametrize("heard_before", [False, True])
+def test_safe_stop_outlasts_an_acknowledgement_of_another_stop_given_before_it(asked, heard_before):
+    leader, fence = asked.leader, asked.leader.fence
+    fence.stop(StopCause.WATCHDOG, 0)
+    elsewhere = StopRegister()
+    elsewhere.merge(fence.register.value)
+    elsewhere.acknowledge("anna", 0)
+    if heard_before:
+        asked.measure()
+    waiting = asked.mode(Mode.SAFE_STOP)
+    asked.measure(3)
+    assert waiting.ok is True
+    fence.hear(elsewhere.value)
+    assert fence.register.stopped
+    asked.measure(2)
+    assert leader.fence.state.source == Mode.SAFE_STOP
+
+
+@pytest.mark.requirement("S38")
+def test_two_requests_for_a_safe_stop_are_confirmed_by_the_later_stop(asked):
+    waiting = [asked.mode(Mode.SAFE_STOP), asked.mode(Mode.SAFE_STOP)]
+    asked.measure(3)
+    assert [request.ok for request in waiting] == [True, True]
+    assert asked.leader.fence.register.value.epoch == 2
 
 
 @pytest.mark.requirement("S38")

@@ -369,6 +369,11 @@ class PlantEnd(Holder):
         self.look()
         world.at(world.now_s + TICK_S, self, "tick", is_timer=True)
 
+    def on_stop(self, stop: Stop) -> None:
+        """Take another part's copy."""
+        self.fence.hear(stop)
+        self.look()
+
     def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
         """Take or refuse a command."""
         refused, _ = self.fence.check(signature, source)
