@@ -113,7 +113,7 @@ class Gateway:
         self._stamp_ns: int | None = None
         self._published_s = -inf
         self._under_way: Order | None = None
-        self._waiting: tuple[Command, int, str] | None = None
+        self._waiting: tuple[Command, int, str, Signature] | None = None
         self._sent: list[Command] = []  # what may have reached the machine and was not seen to be in force yet
         self._seen: Command | None = None  # in force at the last read so long after a command
         self._sent_cycle = 0
@@ -164,7 +164,8 @@ class Gateway:
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
         begins = False
-        if not self.permissive:
+        given_up = self._lost and self.fence.state.unanswered >= _LOST_COMMANDS  # no supervisor knows what is in force
+        if not self.permissive or given_up:
             self._part()
         elif not self.joined:
             if now_s - self._published_s < PAUSE_S:
@@ -213,9 +214,7 @@ class Gateway:
         signature: Signature = UNSIGNED,
     ) -> Order | None:
         """Process a command; returns the values to write, None if it is refused (``gate`` counts and says why)."""
-        reason, words = self.fence.check(signature, source)
-        if not reason:
-            reason, words = self._closed(now_s)
+        reason, words = self._refused(signature, source, now_s)
         if reason:
             self.gate.refuse(reason, words)
             return None
@@ -226,7 +225,7 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = self._waiting, (command, counter, source)
+            overtaken, self._waiting = self._waiting, (command, counter, source, signature)
             if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
                 self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
@@ -254,6 +253,11 @@ class Gateway:
         self._sent.append(command)
         self._sent_cycle = self._cycle
         return self._under_way
+
+    def _refused(self, signature: Signature, source: str, now_s: float) -> tuple[str, str]:
+        """Why a command may not be written, whatever it says: reason and words, both empty if it may."""
+        reason, words = self.fence.check(signature, source)
+        return (reason, words) if reason else self._closed(now_s)
 
     def _closed(self, now_s: float) -> tuple[str, str]:
         """Why nothing at all may be written at present."""
@@ -344,8 +348,9 @@ class Gateway:
         waiting, self._waiting = self._waiting, None
         if waiting is None:
             return None
-        reason, words = self._closed(now_s)
+        command, counter, source, signature = waiting
+        reason, words = self._refused(signature, source, now_s)  # a safe stop may have begun meanwhile
         if reason:
             self.gate.refuse(reason, words)
             return None
-        return self._order(*waiting, now_s)
+        return self._order(command, counter, source, now_s)

@@ -481,3 +481,27 @@ def test_commands_of_a_leader_before_are_refused(running):
     assert running.command(signature=Signature(1, "a")) is None
     assert running.refused == {"leader"}
     assert running.gateway.fence.state[:2] == (2, "b")
+
+
+@pytest.mark.requirement("S25")
+def test_a_command_that_has_waited_for_an_answer_is_not_written_into_a_safe_stop(running):
+    order = running.command()
+    running.cycle()
+    assert running.command(source="nmpc") is None
+    running.gateway.fence.register.stop(StopCause.OPERATOR, "operator", 0)
+    assert running.obey(order) is None
+    assert running.refused == {"stopped"}
+
+
+@pytest.mark.requirement("S33")
+def test_when_nobody_commands_after_a_failed_write_control_begins_again_from_the_drives(running):
+    """A fresh supervisor commands nothing before the drives are reported, and they are not while commands are lost."""
+    order = running.command()
+    running.gateway.on_written(order, "no answer", running.now_s)
+    assert isnan(running.cycle().drives.force_kn)
+    for _ in range(4):
+        running.cycle()
+    assert not running.gateway.joined
+    running.pause()
+    running.cycle()
+    assert running.cycle().drives == running.in_force

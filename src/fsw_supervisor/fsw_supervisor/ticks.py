@@ -14,6 +14,8 @@ from fsw_supervisor.tick import GAP_S, Decision, Tick
 
 #: in real time, time without a usable stamp after which a safe stop begins, as with the drives' watchdog [s]
 CLOCK_STOP_S = 3.0
+#: a report that comes so long after a command may not know it yet [s] (chosen)
+_FLIGHT_S = 0.01
 
 
 class Silence(StrEnum):
@@ -31,6 +33,9 @@ class Ticks:
         self.last: Decision | None = None  #: the last command sent, here or by the leader
         #: counts since the start: commands sent, ticks without one, delays of this process
         self.commands = self.lost = self.stalls = 0
+        self.moved_itself = False  #: the actuator end reports that no command acts: it moves the drives by itself
+        self.unheard = False  #: it reports that the last commands have not arrived
+        self.commanded_s = -inf  #: when a command was sent or heard last
         self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
         self.now_s = 0.0  #: steady time of the last input
         self._arbitration = arbitration
@@ -70,7 +75,9 @@ class Ticks:
             self._begin(stamp_ns)
         tick = self.present
         if tick is not None and stamp_ns == tick.stamp_ns:
-            tick.drives = self._in_force.feedback(stamp_ns) or tick.drives
+            known, tick.drives = tick.drives is not None, self._in_force.feedback(stamp_ns) or tick.drives
+            if self._begins_anew and not known and tick.drives is not None and not (tick.settled or tick.answered):
+                self._in_force.forget()
             for name, sample in accepted.samples.items():
                 if name in SENSORS:
                     tick.samples.setdefault(name, sample)
@@ -107,6 +114,11 @@ class Ticks:
         silent_s = self.now_s - self.present.started_s
         if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
             self._machine.fire(Trigger.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
+
+    @property
+    def _begins_anew(self) -> bool:
+        """Whether ticks begin from the drives' feedback: the last command does not act, and is not on its way."""
+        return self.moved_itself or (self.unheard and self.now_s - self.commanded_s > _FLIGHT_S)
 
     def _in_gap(self) -> bool:
         """Whether the present tick is so old that the plant or this process was suspended."""
@@ -149,7 +161,7 @@ class Ticks:
         """Settle a tick that is over: with a command, or after a gap without one."""
         # What the drives did at a measurement that is over does not say what they do now.
         unknown = self._in_force.applied is None and not self._in_force.before_first
-        if not tick.settled and (gap or unknown):
+        if not tick.settled and (gap or unknown or self._begins_anew):
             tick.settle()
             self.lost += 1
         elif not tick.settled:
@@ -194,7 +206,7 @@ class Ticks:
         decision = tick.outcome.decision
         tick.answered = True
         self._in_force.on_sent(decision.command)
-        self.last = decision
+        self.last, self.commanded_s = decision, self.now_s
         self.commands += 1
         self._outbox.append(decision)
         self._arbitration.watch.sent(decision)
