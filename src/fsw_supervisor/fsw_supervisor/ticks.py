@@ -38,6 +38,7 @@ class Ticks:
         self.commanded_s = -inf  #: when a command was sent or heard last
         self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
         self.now_s = 0.0  #: steady time of the last input
+        self._stalled_s = -inf  # when this process went on after a pause
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
@@ -88,6 +89,8 @@ class Ticks:
         In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so that whoever has not
         answered by then has failed, stall or not.
         """
+        if 0.0 < self.now_s < now_s - GAP_S:
+            self._stalled_s = now_s
         self.now_s = now_s
         if self._in_gap() and not self._lockstep:
             self._machine.pass_time(round(now_s * NANOSECONDS))
@@ -120,6 +123,12 @@ class Ticks:
         """Whether ticks begin from the drives' feedback: the last command does not act, and is not on its way."""
         return self.moved_itself or (self.unheard and self.now_s - self.commanded_s > _FLIGHT_S)
 
+    def _missed(self, stamp_ns: int) -> bool:
+        """Whether measurements are missing that came while this process was stalled: its queues keep only the first."""
+        past, stalled_s = self.present, self.now_s - self._stalled_s
+        jump_ns = 0 if past is None else stamp_ns - past.stamp_ns
+        return stalled_s <= GAP_S and jump_ns > round(GAP_S * NANOSECONDS)
+
     def _in_gap(self) -> bool:
         """Whether the present tick is so old that the plant or this process was suspended."""
         return self.present is not None and self.now_s - self.present.started_s > GAP_S
@@ -128,7 +137,7 @@ class Ticks:
         """End the tick before and begin one: the moment between two ticks."""
         now_s, past, settings = self.now_s, self.present, self._machine.settings
         back = past is not None and stamp_ns < past.stamp_ns
-        gap = back if self._lockstep else self._in_gap()
+        gap = back if self._lockstep else self._in_gap() or self._missed(stamp_ns)
         if past is not None:
             self._end(past, gap)
         self._machine.advance(stamp_ns, self._time_ns(stamp_ns, past))
