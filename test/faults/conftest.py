@@ -36,14 +36,14 @@ def launch(tmp_path_factory):
     """Makes graphs, each in a domain of its own and each the only one at its time."""
     current = []
 
-    def make(**options):
-        if current and current[0] == options:
+    def make(fresh=False, **options):
+        if not fresh and current and current[0] == options:
             return current[1]
         end()
         domains = free_domain()
         launcher = Launcher(tmp_path_factory.mktemp("log"), domain := domains.__enter__())
         weld = Weld(domain, launcher, tmp_path_factory.mktemp("weld"), **options)
-        current[:] = [options, weld, launcher, domains]
+        current[:] = [None if fresh else options, weld, launcher, domains]
         return weld
 
     def end():

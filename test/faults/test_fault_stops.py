@@ -6,7 +6,6 @@ import signal
 import time
 
 import pytest
-from std_srvs.srv import Trigger
 
 from fsw_msgs.msg import DriveFeedback
 from fsw_msgs.srv import SetMode
@@ -25,7 +24,6 @@ class Stopped:
         self.weld, self.reports = weld, []
         self.subscription = weld.node.create_subscription(DriveFeedback, "fsw/drives", self.reports.append, 100)
         self.modes = weld.node.create_client(SetMode, "fsw/set_mode")
-        self.acknowledgements = weld.node.create_client(Trigger, "fsw/acknowledge")
         weld.restore()
 
     @property
@@ -58,25 +56,14 @@ class Stopped:
         assert all(one.actuator.stop.stopped for one in after)
         assert max(one.axial_force for one in after) <= after[0].axial_force + 1.0
 
-    def resume(self):
-        """The operator acknowledges and asks for auto until a controller commands again."""
-        while self.actuator.stop.stopped:
-            self.weld.until(self.acknowledgements.service_is_ready, "the service")
-            asked, due_s = self.acknowledgements.call_async(Trigger.Request()), time.monotonic() + _ANSWER_S
-            self.weld.until(lambda asked=asked, due_s=due_s: asked.done() or time.monotonic() > due_s, "the answer")
-        self.confirm("auto")
-        self.weld.node.destroy_subscription(self.subscription)
-
     def other(self, name):
         return next(one for one in self.weld.supervisors if one != name)
 
 
 @pytest.fixture
-def stopped(weld):
-    """A weld in real time, in control."""
-    stopped = Stopped(weld)
-    yield stopped
-    stopped.resume()
+def stopped(launch):
+    """A weld in real time with a standby, in control; each test has its own, because copper that has cooled stays so."""
+    return Stopped(launch(fresh=True, standby=True))
 
 
 @pytest.mark.requirement("S25")

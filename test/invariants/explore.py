@@ -8,7 +8,6 @@ usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE
 from __future__ import annotations
 
 import argparse
-import json
 import pickle
 import sys
 import time
@@ -27,6 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode
+from fsw_test_support import results_page
+from fsw_test_support.results_page import Row
 from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
@@ -69,10 +70,6 @@ STARTS = {
 }
 MODES = ("start", *STARTS)
 
-RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "invariants.md"
-#: between these marks the page is written by --publish
-MARK, END = "<!-- results -->", "<!-- end of results -->"
-
 
 def started(mode: str, gateway: bool) -> Cell:
     """A cell in a mode; ``start``: before its first measurement."""
@@ -91,7 +88,7 @@ _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by sin
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
     _registry registry operator _operator watch in_force _in_force start_up answered decision _counters ticks paused
     invalid written failed cut last_failure steps config
-    strict stamps _frozen silent_ticks _mode_tick time_ns mode_since_ns step_s
+    strict stamps _frozen silent_ticks _begun_tick _mode_tick time_ns mode_since_ns step_s
     _origin_ns _periods manual _measured_s"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
@@ -118,7 +115,7 @@ def state(cell: Cell) -> int:
     machine, start_up, operator = arbiter.machine, arbiter._start_up, arbiter.operator
     parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start_up]
     parts += [arbiter.in_force, arbiter.ticks._arbitration, arbiter.ticks._stamps, arbiter.ticks.present]
-    parts += [gateway, cell.watchdog, cell.rules]
+    parts += [gateway, cell.plc.watchdog, cell.rules]
     own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
     own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.ticks.last is None)
     own += tuple(arbiter.safety.sensor_reasons.values())
@@ -357,8 +354,6 @@ class Explorer:
 
 # ---------------------------------------------------------------- runs and their results
 
-Row = dict[str, Any]
-
 
 def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterator[Row]:
     """Explore one alphabet; yields the figures after each letter, so that a run that is cut off is a result, too."""
@@ -366,14 +361,6 @@ def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterat
     for reached in explorer.levels({mode: started(mode, MACHINES[machine]) for mode in modes}, depth):
         row = {"alphabet": name, "machine": machine, "modes": len(modes), "letters": len(ALPHABETS[name])}
         yield row | {"depth": reached} | asdict(explorer.result) | {"cpu_s": time.process_time() - begun_s}
-
-
-def save(row: Row, file: Path) -> None:
-    """Put a row into a file, instead of the one that it goes on from."""
-    rows: list[Row] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
-    key = ("alphabet", "machine", "modes")
-    rows = [one for one in rows if any(one[name] != row[name] for name in key)]
-    file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -394,14 +381,6 @@ def page(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def publish(file: Path) -> None:
-    """Write the figures of a file into the results page."""
-    before, mark, after = RESULT.read_text(encoding="utf-8").partition(MARK)
-    _, end, after = after.partition(END)
-    text = page(json.loads(file.read_text(encoding="utf-8")))
-    RESULT.write_text(f"{before}{mark}\n\n{text}\n{end}{after}", encoding="utf-8")
-
-
 def main() -> int:
     """Explore one alphabet after the other; returns how many rules are broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -414,7 +393,7 @@ def main() -> int:
     parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
     if args.publish:
-        publish(args.publish)
+        results_page.publish("results", page(results_page.load(args.publish)))
         return 0
     Rules.forgiven = frozenset(args.forgive)
     broken = set[str]()
@@ -425,7 +404,7 @@ def main() -> int:
             depth = max(1, args.depth - 2 * (name == "all"))
             for row in rows_of(name, machine, (args.mode,) if args.mode else MODES, depth):
                 if args.json:
-                    save(row, args.json)
+                    results_page.save(row, args.json, ("alphabet", "machine", "modes"))
             print(page([row]), flush=True)
             broken |= row["broken"].keys()
     return len(broken)

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Random walks of two supervisors and a plant over a lossy network, with shrunk counter-examples.
+"""Two supervisors and an actuator end over a lossy network: random walks, and all short sequences of a few letters.
 
-usage: explore_pair.py [--transitions N] [--seed N]
+Counter-examples are shrunk. usage: explore_pair.py [--machine plant|gateway|both] [--transitions N] [--seed N]
+                     [--depth N] [--json FILE]; explore_pair.py --publish FILE
 """
 
 from __future__ import annotations
@@ -11,12 +12,16 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count, product
+from math import inf
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from fsw_test_support import results_page
+from fsw_test_support.pair_ends import ENDS, PLC_LINKS
 from fsw_test_support.pair_rules import BrokenInvariantError
 from fsw_test_support.supervisor_pair import LINKS, PARTS, SUPERVISORS, World
 
@@ -48,18 +53,26 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "cause": ("temperature 920", "temperature 885", "temperature nan", "temperature 885"),
     "clock": ("clock 0.9", "clock -0.9", "clock 3600", "clock -3600"),
     "wish": ("wish 84", "wish 78"),
+    "plc": tuple(f"plc {state}" for state in (*PLC_LINKS, "forbids", "well", "permits", "well", "permits")),
 }
 _WEIGHTS = {"time": 30, "request": 8, "restore": 8, "press": 2, "link": 8, "isolate": 2, "network": 4, "process": 14}
 _WEIGHTS |= {"cause": 2, "clock": 1, "wish": 2}
+_END_WEIGHTS = {"plant": _WEIGHTS, "gateway": _WEIGHTS | {"plc": 5}}
 LETTERS = tuple(dict.fromkeys(letter for group in GROUPS.values() for letter in group))
 #: letters in a walk
 LENGTH = 40
+#: letters of the short sequences; a tick passes after each
+FEW = (
+    *("run 2", "run 12", "ask safe_stop a", "ask acknowledge a", "ask auto a", "kill a", "start a", "kill b"),
+    *("freeze a", "thaw a timers", "freeze end", "thaw end messages", "link cut a end", "network well"),
+)
 
 
 @dataclass
 class Found:
     """What an exploration of the pair has seen; ``broken``: by invariant, the shortest sequence and what was wrong."""
 
+    machine: str = "plant"
     walks: int = 0
     transitions: int = 0
     accepted: int = 0  #: commands that acted
@@ -77,9 +90,11 @@ class Found:
         self.answers.update((request.kind, request.ok) for request in world.answers)
 
 
-def walk(letters: Sequence[str], forgiven: frozenset[str] = frozenset()) -> tuple[World, BrokenInvariantError | None]:
+def walk(
+    letters: Sequence[str], machine: str = "plant", forgiven: frozenset[str] = frozenset()
+) -> tuple[World, BrokenInvariantError | None]:
     """Do what the letters say, then heal; returns the world and the first invariant that was broken."""
-    world = World()
+    world = World(machine)
     world.rules.forgiven = forgiven
     try:
         for letter in letters:
@@ -90,21 +105,34 @@ def walk(letters: Sequence[str], forgiven: frozenset[str] = frozenset()) -> tupl
     return world, None
 
 
-def letters_of(seed: int, length: int = LENGTH) -> tuple[str, ...]:
+def letters_of(seed: int, machine: str = "plant", length: int = LENGTH) -> tuple[str, ...]:
     """The letters of a random walk."""
-    chance = random.Random(seed)
-    names, weights = list(_WEIGHTS), list(_WEIGHTS.values())
-    return tuple(chance.choice(GROUPS[name]) for name in chance.choices(names, weights, k=length))
+    chance, weights = random.Random(seed), _END_WEIGHTS[machine]
+    groups = chance.choices(list(weights), list(weights.values()), k=length)
+    return tuple(chance.choice(GROUPS[name]) for name in groups)
 
 
-def shrink(letters: Sequence[str], rule: str, forgiven: frozenset[str] = frozenset()) -> tuple[str, ...]:
+def random_walks(seed: int, machine: str) -> Iterator[tuple[str, ...]]:
+    """The letters of endless walks; the seed counts on."""
+    return (letters_of(number, machine) for number in count(seed))
+
+
+def short_sequences(depth: int) -> Iterator[tuple[str, ...]]:
+    """Every sequence of ``depth`` of the few letters, with a tick after each."""
+    for letters in product(FEW, repeat=depth):
+        yield tuple(part for letter in letters for part in (letter, "run 1"))
+
+
+def shrink(
+    letters: Sequence[str], rule: str, machine: str = "plant", forgiven: frozenset[str] = frozenset()
+) -> tuple[str, ...]:
     """Leave out letters for as long as the same invariant is broken (delta debugging)."""
     left, size = list(letters), max(1, len(letters) // 2)
     while True:
         begin, shorter = 0, False
         while begin < len(left):
             trial = left[:begin] + left[begin + size :]
-            error = walk(trial, forgiven)[1]
+            error = walk(trial, machine, forgiven)[1]
             if error is not None and error.rule == rule:
                 left, shorter = trial, True
             else:
@@ -114,40 +142,84 @@ def shrink(letters: Sequence[str], rule: str, forgiven: frozenset[str] = frozens
         size = size if shorter and size == 1 else max(1, size // 2)
 
 
-def walks(
-    seed: int, transitions: int, forgiven: frozenset[str] = frozenset(), cpu_s: float = float("inf")
+def explore(
+    sequences: Iterable[tuple[str, ...]],
+    machine: str,
+    transitions: float = inf,
+    forgiven: frozenset[str] = frozenset(),
+    cpu_s: float = inf,
 ) -> Iterator[Found]:
-    """Random walks until so many transitions are done; yields the counts after each walk."""
-    found, begun_s = Found(), time.process_time()
-    while found.transitions < transitions and time.process_time() - begun_s < cpu_s:
-        letters = letters_of(seed)
-        world, error = walk(letters, forgiven)
+    """Walk sequences of letters until so many transitions are done; yields the counts after each walk."""
+    found, begun_s = Found(machine), time.process_time()
+    for letters in sequences:
+        world, error = walk(letters, machine, forgiven)
         found.add(world)
         found.letters.update(letters)
         if error is not None and error.rule not in found.broken:
-            short = shrink(letters, error.rule, forgiven)
-            found.broken[error.rule] = (short, str(walk(short, forgiven)[1]))
-        seed += 1
+            short = shrink(letters, error.rule, machine, forgiven)
+            found.broken[error.rule] = (short, str(walk(short, machine, forgiven)[1]))
         yield found
+        if found.transitions >= transitions or time.process_time() - begun_s >= cpu_s:
+            return
+
+
+# ---------------------------------------------------------------- runs and their results
+
+
+def run(kind: str, sequences: Iterable[tuple[str, ...]], machine: str, transitions: float = inf) -> results_page.Row:
+    """Explore and print; returns the figures."""
+    found, shown, begun_s = Found(machine), 0, time.process_time()
+    for found in explore(sequences, machine, transitions):
+        if found.transitions - shown >= 1_000_000:
+            shown = found.transitions
+            print(f"{machine}: {shown} transitions in {found.walks} walks, broken: {sorted(found.broken)}", flush=True)
+    cpu_s = time.process_time() - begun_s
+    rate = found.transitions / max(cpu_s, 1e-9)
+    print(f"{machine}, {kind}: {found.transitions} transitions in {found.walks} walks, {rate:.0f} a second of CPU")
+    print(f"{found.accepted} commands acted; control was back after at most {found.slowest_s:.1f} s", flush=True)
+    for rule, (letters, words) in sorted(found.broken.items()):
+        print(f"{rule}: {', '.join(letters)}: {words}", flush=True)
+    row: results_page.Row = {"machine": machine, "kind": kind, "walks": found.walks, "transitions": found.transitions}
+    return row | {"accepted": found.accepted, "slowest_s": found.slowest_s, "broken": found.broken, "cpu_s": cpu_s}
+
+
+def page(rows: Sequence[results_page.Row]) -> str:
+    """The table of the results page, and what is broken."""
+    lines = ["| machine | sequences | number | transitions | commands acted | slowest return [s] | broken | CPU [s] |"]
+    lines.append("|---|---|" + "---:|" * 6)
+    for row in rows:
+        counts = [f"{row[name]:,}" for name in ("walks", "transitions", "accepted")]
+        ends = [f"{row['slowest_s']:.1f}", ", ".join(sorted(row["broken"])) or "none", round(row["cpu_s"])]
+        lines.append("| " + " | ".join(map(str, [row["machine"], row["kind"], *counts, *ends])) + " |")
+    lines += ["", f"Together {sum(row['transitions'] for row in rows):,} transitions."]
+    for row in rows:
+        lines += [f"\n- {row['machine']}, `{', '.join(path)}`: {words}." for path, words in row["broken"].values()]
+    return "\n".join(lines) + "\n"
 
 
 def main() -> int:
-    """Walk until so many transitions are done; returns how many invariants are broken."""
+    """Walk at both ends; returns how many invariants are broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--transitions", type=int, default=10_000_000, help="events and letters in all")
+    parser.add_argument("--machine", choices=(*ENDS, "both"), default="both", help="the actuator end")
+    parser.add_argument("--transitions", type=int, default=10_000_000, help="events and letters of random walks in all")
     parser.add_argument("--seed", type=int, default=1, help="of the first walk; the next ones count on")
+    parser.add_argument("--depth", type=int, default=0, help="before that, every sequence of so many of a few letters")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="enter the figures here")
+    parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
-    found, shown, begun_s = Found(), 0, time.process_time()
-    for found in walks(args.seed, args.transitions):
-        if found.transitions - shown >= 1_000_000:
-            shown = found.transitions
-            print(f"{found.transitions} transitions in {found.walks} walks, broken: {sorted(found.broken)}", flush=True)
-    rate = found.transitions / max(time.process_time() - begun_s, 1e-9)
-    print(f"{found.transitions} transitions in {found.walks} walks, {rate:.0f} a second of CPU")
-    print(f"{found.accepted} commands acted; control was back after at most {found.slowest_s:.1f} s")
-    for rule, (letters, words) in sorted(found.broken.items()):
-        print(f"{rule}: {', '.join(letters)}: {words}")
-    return len(found.broken)
+    if args.publish:
+        results_page.publish("pair results", page(results_page.load(args.publish)))
+        return 0
+    machines, broken = (tuple(ENDS) if args.machine == "both" else (args.machine,)), 0
+    for machine in machines:
+        each = args.transitions / len(machines)
+        short = (f"all of {args.depth} of {len(FEW)} letters", short_sequences(args.depth), machine)
+        rows = [run(*short)] if args.depth else []
+        rows += [run(f"random, {LENGTH} letters", random_walks(args.seed, machine), machine, each)] if each else []
+        broken += sum(len(row["broken"]) for row in rows)
+        for row in rows if args.json else ():
+            results_page.save(row, args.json, ("machine", "kind"))
+    return broken
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Two supervisors and a plant over a lossy network: no random walk breaks an invariant (``pair_rules.py``)."""
+"""Two supervisors and plant or gateway over a lossy network: no sequence breaks an invariant (``pair_rules.py``)."""
 
 import sys
 from pathlib import Path
@@ -7,21 +7,32 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from explore_pair import walk, walks
+from explore_pair import explore, random_walks, short_sequences, walk
 
-TRANSITIONS = 120_000
+from fsw_test_support.pair_ends import ENDS
+
+TRANSITIONS = 60_000
 
 
 @pytest.mark.slow
 @pytest.mark.requirement("S9", "S25", "S38")
+@pytest.mark.parametrize("machine", ENDS)
 @pytest.mark.parametrize("seed", [1, 100_000])
-def test_no_walk_breaks_an_invariant(seed):
+def test_no_walk_breaks_an_invariant(machine, seed):
     found = None
-    for found in walks(seed, TRANSITIONS):
+    for found in explore(random_walks(seed, machine), machine, TRANSITIONS):
         assert not found.broken, found.broken
     assert found.transitions >= TRANSITIONS
     assert found.accepted > TRANSITIONS / 100, "commands have acted"
     assert {ok for _, ok in found.answers} >= {True, False}
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S9", "S25")
+@pytest.mark.parametrize("machine", ENDS)
+def test_no_short_sequence_breaks_an_invariant(machine):
+    for found in explore(short_sequences(2), machine):
+        assert not found.broken, found.broken
 
 
 @pytest.mark.requirement("S9", "S25")
@@ -34,9 +45,32 @@ def test_no_walk_breaks_an_invariant(seed):
         ("kill a", "kill b", "run 12", "run 12", "start a", "start b", "run 12", "run 12"),
         ("isolate a", "ask safe_stop a", "run 5", "network well", "run 12"),
         ("kill a", "start a", "ms 5", "ask hold a", "run 5"),
+        ("isolate a", "link cut b end", "run 12", "run 5", "run 12"),
+        ("link cut b end", "ms 70", "wish 84", "link cut end a", "run 3"),
+        ("ms 30", "freeze b", "kill a", "start a", "run 1", "freeze a", "ms 70", "run 2", "run 5", "run 12"),
+        ("freeze b", "press", "isolate end", "run 12", "run 5"),
+        ("ms 30", "network late", "freeze a", "run 3", "isolate end", "run 6", "run 12", "network lossy", "run 1"),
     ],
 )
 def test_counter_examples_of_earlier_versions(letters):
-    """A stop in a pause, terms that restart, both killed, the watchdog's ramp, a partition, a fresh supervisor."""
+    """A stop in a pause, terms that restart, both killed, the watchdog's ramp, a partition, a fresh supervisor.
+
+    Commands that do not arrive, a backlog after the plant's ramp.
+    """
     _, error = walk(letters)
+    assert error is None
+
+
+@pytest.mark.requirement("S25", "S33")
+@pytest.mark.parametrize(
+    "letters",
+    [
+        ("freeze a", "plc mute", "run 3", "freeze b", "press", "ms 70", "run 3"),
+        ("kill a", "run 1", "plc deaf", "run 1", "kill b", "run 3"),
+        ("freeze a", "ms 30", "kill end", "run 12", "start end"),
+    ],
+)
+def test_counter_examples_with_the_gateway(letters):
+    """A command that waits when a stop comes, fresh supervisors after a failed write, a fresh gateway after a ramp."""
+    _, error = walk(letters, "gateway")
     assert error is None

@@ -164,7 +164,8 @@ class Gateway:
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
         begins = False
-        if not self.permissive:
+        given_up = self._lost and self.fence.state.unanswered >= _LOST_COMMANDS  # no supervisor knows what is in force
+        if not self.permissive or given_up:
             self._part()
         elif not self.joined:
             if now_s - self._published_s < PAUSE_S:
@@ -213,9 +214,7 @@ class Gateway:
         signature: Signature = UNSIGNED,
     ) -> Order | None:
         """Process a command; returns the values to write, None if it is refused (``gate`` counts and says why)."""
-        reason, words = self.fence.check(signature, source)
-        if not reason:
-            reason, words = self._closed(now_s)
+        reason, words = self._refused(signature, source, now_s)
         if reason:
             self.gate.refuse(reason, words)
             return None
@@ -254,6 +253,11 @@ class Gateway:
         self._sent.append(command)
         self._sent_cycle = self._cycle
         return self._under_way
+
+    def _refused(self, signature: Signature, source: str, now_s: float) -> tuple[str, str]:
+        """Why a command may not be written, whatever it says: reason and words, both empty if it may."""
+        reason, words = self.fence.check(signature, source)
+        return (reason, words) if reason else self._closed(now_s)
 
     def _closed(self, now_s: float) -> tuple[str, str]:
         """Why nothing at all may be written at present."""
@@ -345,9 +349,7 @@ class Gateway:
         if waiting is None:
             return None
         command, counter, source, signature = waiting
-        reason, words = self.fence.check(signature, source)  # a safe stop may have come while it waited
-        if not reason:
-            reason, words = self._closed(now_s)
+        reason, words = self._refused(signature, source, now_s)  # a safe stop may have begun meanwhile
         if reason:
             self.gate.refuse(reason, words)
             return None

@@ -491,3 +491,17 @@ def test_commands_of_a_leader_before_are_refused(running):
     assert running.command(signature=Signature(1, "a")) is None
     assert running.refused == {"leader"}
     assert running.gateway.fence.state[:2] == (2, "b")
+
+
+@pytest.mark.requirement("S33")
+def test_when_nobody_commands_after_a_failed_write_control_begins_again_from_the_drives(running):
+    """A fresh supervisor commands nothing before the drives are reported, and they are not while commands are lost."""
+    order = running.command()
+    running.gateway.on_written(order, "no answer", running.now_s)
+    assert isnan(running.cycle().drives.force_kn)
+    for _ in range(4):
+        running.cycle()
+    assert not running.gateway.joined
+    running.pause()
+    running.cycle()
+    assert running.cycle().drives == running.in_force

@@ -22,9 +22,10 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState
-from fsw_control.stop import Stop
+from fsw_control.stop import LAST_EPOCH, Stop, StopCause
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
@@ -36,6 +37,10 @@ from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_supervisor.ticks import Ticks
+
+#: after so many commands in a row that did not reach the actuator end, control begins from the drives' feedback; single
+#: lost commands before are caught up with (chosen, as in the gateway)
+_LOST_COMMANDS = 3
 
 
 class Arbiter:
@@ -54,6 +59,7 @@ class Arbiter:
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
         self.watch = CommandWatch()  #: tells own commands from foreign ones
         self.in_force = CommandInForce()  #: the command that the drives follow
+        self._had_source = self._end_restarted = False  #: a command acted, and the actuator end knows none any more
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
         #: the present tick and counts of those before
         self.ticks = Ticks(
@@ -98,6 +104,8 @@ class Arbiter:
 
     def on_drives(self, stamp_ns: int, feedback: Command, now_s: float) -> list[Decision]:
         """Take the drives' feedback of actual force and speed."""
+        if self._end_restarted and refusal(feedback) is None:
+            self._compare(stamp_ns, feedback)
         repeated = self.in_force.on_drives(stamp_ns, feedback)
         self.ticks.on_stamp("drives", stamp_ns, feedback.force_kn, now_s)
         decisions = self.ticks.decide()
@@ -107,6 +115,17 @@ class Arbiter:
             decisions.append(last)
             self.watch.sent(last)
         return decisions
+
+    def _compare(self, stamp_ns: int, feedback: Command) -> None:
+        """Begin a safe stop if the drives are not where the last command has put them, by more than a move.
+
+        A fresh actuator end cannot know whether the machine has moved by itself meanwhile.
+        """
+        self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
+        acting = self.in_force.commanded(feedback)
+        if before is not None and refusal(acting, self.settings.limits, before) is not None:
+            epoch = min(self.machine.register.value.epoch + 1, LAST_EPOCH)
+            self.machine.merge_stop(Stop(epoch, True, StopCause.WATCHDOG, "plant", stamp_ns))
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that arrived on the topic of controller ``name``."""
@@ -157,6 +176,9 @@ class Arbiter:
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
+        self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= _LOST_COMMANDS
+        self._end_restarted |= self._had_source and not (state.source or state.stop.stopped)
+        self._had_source = bool(state.source)
         self.on_stop(state.stop)
         self.on_source(state.source)
         self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
@@ -174,7 +196,7 @@ class Arbiter:
         """On standby: take over what the leader has commanded."""
         applied = self.settings.limits.clip(command, None)
         self.in_force.on_sent(applied)
-        self.ticks.last = Decision(stamp_ns, applied, source)
+        self.ticks.last, self.ticks.commanded_s = Decision(stamp_ns, applied, source), self.ticks.now_s
         tick = self.ticks.present
         if tick is not None and stamp_ns == tick.stamp_ns:
             tick.answered = True

@@ -140,7 +140,7 @@ class Failover:
         self._heard_term = max(self._heard_term, state.term)
         self._confirmed |= state.leader == self._identity
         self._arbiter.on_actuator(state)
-        if self.role is Role.ACTIVE and self.term and self._is_other(state):
+        if self.role is Role.ACTIVE and self._is_other(state):
             self._step_down("another supervisor leads")
         elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
             self.role = Role.STANDBY
@@ -257,6 +257,8 @@ class Failover:
         A term of this one that it has not seen yet may be ahead; but it is not asserted against a leader that answers.
         """
         other = state.leader not in ("", self._identity)
+        if not self.term:  # it took over, has sent nothing yet, and the leader before answers again
+            return other and state.unanswered == 0
         return other and (state.term >= self.term or (state.unanswered == 0 and not self._confirmed))
 
     def _step_down(self, reason: str) -> None:

@@ -24,6 +24,7 @@ class StartUp:
         self._machine, self._registry, self._operator = machine, registry, operator
         self._in_force = in_force
         self._measured_s: float | None = None
+        self._begun_tick = -2  #: tick that began last from what the drives or others have reported
 
     @property
     def controller(self) -> str:
@@ -82,8 +83,10 @@ class StartUp:
         applied = tick.previous = self._machine.settings.limits.clip(command, None)
         self._in_force.begin_from(applied)
         self._registry.check_again(tick)
-        text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
-        self._machine.log(Level.INFO, "start", text)
+        if self._machine.tick - self._begun_tick > 1:  # else one message covers the ticks in a row
+            text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
+            self._machine.log(Level.INFO, "start", text)
+        self._begun_tick = self._machine.tick
         return applied
 
     def _listened(self, now_s: float) -> bool:

@@ -14,6 +14,8 @@ from fsw_supervisor.tick import GAP_S, Decision, Tick
 
 #: in real time, time without a usable stamp after which a safe stop begins, as with the drives' watchdog [s]
 CLOCK_STOP_S = 3.0
+#: a report that comes so long after a command may not know it yet [s] (chosen)
+_FLIGHT_S = 0.01
 
 
 class Silence(StrEnum):
@@ -31,8 +33,12 @@ class Ticks:
         self.last: Decision | None = None  #: the last command sent, here or by the leader
         #: counts since the start: commands sent, ticks without one, delays of this process
         self.commands = self.lost = self.stalls = 0
+        self.moved_itself = False  #: the actuator end reports that no command acts: it moves the drives by itself
+        self.unheard = False  #: it reports that the last commands have not arrived
+        self.commanded_s = -inf  #: when a command was sent or heard last
         self.leading = True  #: otherwise on standby: every tick is decided, nothing is sent
         self.now_s = 0.0  #: steady time of the last input
+        self._stalled_s = -inf  # when this process went on after a pause
         self._arbitration = arbitration
         self._machine, self._registry = arbitration.machine, arbitration.registry
         self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
@@ -81,6 +87,8 @@ class Ticks:
         In real time no controller counts as failed then. In lockstep the plant waits meanwhile, so that whoever has not
         answered by then has failed, stall or not.
         """
+        if 0.0 < self.now_s < now_s - GAP_S:
+            self._stalled_s = now_s
         self.now_s = now_s
         if self._in_gap() and not self._lockstep:
             self._machine.pass_time(round(now_s * NANOSECONDS))
@@ -108,6 +116,17 @@ class Ticks:
         if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
             self._machine.fire(Trigger.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
 
+    @property
+    def _begins_anew(self) -> bool:
+        """Whether ticks begin from the drives' feedback: the last command does not act, and is not on its way."""
+        return self.moved_itself or (self.unheard and self.now_s - self.commanded_s > _FLIGHT_S)
+
+    def _missed(self, stamp_ns: int) -> bool:
+        """Whether measurements are missing that came while this process was stalled: its queues keep only the first."""
+        past, stalled_s = self.present, self.now_s - self._stalled_s
+        jump_ns = 0 if past is None else stamp_ns - past.stamp_ns
+        return stalled_s <= GAP_S and jump_ns > round(GAP_S * NANOSECONDS)
+
     def _in_gap(self) -> bool:
         """Whether the present tick is so old that the plant or this process was suspended."""
         return self.present is not None and self.now_s - self.present.started_s > GAP_S
@@ -116,7 +135,7 @@ class Ticks:
         """End the tick before and begin one: the moment between two ticks."""
         now_s, past, settings = self.now_s, self.present, self._machine.settings
         back = past is not None and stamp_ns < past.stamp_ns
-        gap = back if self._lockstep else self._in_gap()
+        gap = back if self._lockstep else self._in_gap() or self._missed(stamp_ns)
         if past is not None:
             self._end(past, gap)
         self._machine.advance(stamp_ns, self._time_ns(stamp_ns, past))
@@ -129,6 +148,8 @@ class Ticks:
         if not self.leading:
             # The leader decides first.
             period_s = settings.takeover_s(self._lockstep)
+        if self._begins_anew:
+            self._in_force.forget()
         tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
         if gap:
             self.interrupt("measurements are back after a gap")
@@ -149,7 +170,7 @@ class Ticks:
         """Settle a tick that is over: with a command, or after a gap without one."""
         # What the drives did at a measurement that is over does not say what they do now.
         unknown = self._in_force.applied is None and not self._in_force.before_first
-        if not tick.settled and (gap or unknown):
+        if not tick.settled and (gap or unknown or self._begins_anew):
             tick.settle()
             self.lost += 1
         elif not tick.settled:
@@ -194,7 +215,7 @@ class Ticks:
         decision = tick.outcome.decision
         tick.answered = True
         self._in_force.on_sent(decision.command)
-        self.last = decision
+        self.last, self.commanded_s = decision, self.now_s
         self.commands += 1
         self._outbox.append(decision)
         self._arbitration.watch.sent(decision)

@@ -277,3 +277,18 @@ def test_holding_at_the_start_does_not_chase_the_drives(make_rig):
         feed.pause(0.1)
         acting = feed.out[-1].command if feed.out else acting
     assert feed.out and {decision.command for decision in feed.out} == {Command(84.0, 410.0)}
+
+
+@pytest.mark.requirement("S9")
+def test_after_a_stall_measurements_that_are_missing_count_as_a_gap(leader):
+    """Its queues have kept the first measurements only; what is in force is read from the drives."""
+    leader.sleep(2.0)
+    leader.measure()
+    leader.stamp_ns += 2_000_000_000
+    leader.drives = None
+    before = len(leader.sent)
+    leader.tick()
+    assert len(leader.sent) == before, "what is in force is not known"
+    leader.drives = Command(70.0, 410.0)
+    leader.tick(2)
+    assert abs(leader.sent[-1].command.force_kn - 70.0) <= 2.0

@@ -306,3 +306,46 @@ def test_in_lockstep_the_first_unanswered_tick_is_taken_over(make_leader):
     assert standby.failover.role is Role.ACTIVE
     assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
     assert standby.arbiter.machine.mode is Mode.AUTO
+
+
+@pytest.mark.requirement("S9")
+def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives(leader, monkeypatch):
+    """Not one move further per lost command: the first that arrives would be a jump."""
+    monkeypatch.setattr(leader.fence, "check", lambda signature, source: ("lost", ""))
+    leader.wish = Command(90.0, 410.0)
+    leader.tick(10)
+    assert max(decision.command.force_kn for decision in leader.sent) <= leader.drives.force_kn + 4.0
+    assert leader.sent[-1].command.force_kn == leader.drives.force_kn + 1.0
+    assert leader.events().count("taking over at") <= 2, "one message for the ticks in a row"
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("source", ["decentral", "safe_stop"])
+def test_after_the_actuator_ends_own_ramp_a_safe_stop_does_not_raise_the_force(leader, source):
+    leader.fence.take(source)
+    leader.fence.stop(StopCause.WATCHDOG, leader.stamp_ns)
+    leader.drives = Command(70.0, 410.0)
+    leader.tick()
+    assert leader.sent[-1].source == "safe_stop"
+    assert 69.0 <= leader.sent[-1].command.force_kn <= 70.0
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize(("force_kn", "stops"), [(80.0, False), (79.2, False), (77.0, True)])
+def test_a_fresh_actuator_end_whose_drives_have_moved_begins_a_safe_stop(leader, force_kn, stops):
+    leader.fence = Fence()
+    leader.drives = Command(force_kn, 410.0)
+    leader.tick(2)
+    register = leader.arbiter.machine.register
+    assert (register.stopped, register.value.cause is StopCause.WATCHDOG) == (stops, stops)
+    assert (leader.sent[-1].source == "safe_stop") == stops
+
+
+@pytest.mark.requirement("S9")
+def test_a_standby_that_has_sent_nothing_yet_gives_way_to_a_leader_that_answers_again(leader):
+    leader.failover.term = 0
+    answers = Fence()
+    assert answers.check(OTHER, "nmpc") == ("", "")
+    answers.measure()
+    leader.failover.on_actuator(answers.state, leader.now_s)
+    assert leader.failover.role is Role.STANDBY

@@ -1,4 +1,7 @@
-"""The parts of a pair's world: supervisors, actuator end, controllers and page, each as its node uses its core."""
+"""The parts of a pair's world: supervisors, controllers and page, each as its node uses its core.
+
+The actuator end is in ``pair_ends.py``.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,19 @@ from functools import partial
 from typing import Any
 
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.command_gate import CommandGate
+from fsw_control.command_check import refusal
 from fsw_control.contract import SENSORS, Command
-from fsw_control.fence import ActuatorState, Fence, Signature
+from fsw_control.fence import ActuatorState, Signature
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
-from fsw_control.weld import TICK_NS, TICK_S
-from fsw_plant.tick_stamps import TickStamps
-from fsw_plant.watchdog import Watchdog, WatchdogState
+from fsw_control.weld import TICK_S
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmation, Confirmations
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.pair_rules import Request
-from fsw_test_support.pair_settings import CONFIG, DEPTH_MM, HOME, NAMES, SETTINGS, TORQUE_NM, TORQUE_NM_PER_KN, VALUES
+from fsw_test_support.pair_settings import HOME, NAMES, SETTINGS, VALUES
 from fsw_test_support.supervisor_pair import SUPERVISORS, Process, World
 
 _HOUSEKEEPING_S, _REPEAT_S, _REPORT_S = 0.2, 1.0, 1.0
@@ -315,7 +316,7 @@ class Controllers(Process):
     def on_samples(self, stamp_ns: int, acting: Command) -> None:
         """Propose to a measurement; after a silence from what the drives do."""
         self._newest_ns = stamp_ns
-        if self.world.now_s - self._heard_s > 3.0 * TICK_S:
+        if self.world.now_s - self._heard_s > 3.0 * TICK_S and refusal(acting) is None:
             self.applied, self._heard_s = AppliedCommands(acting), self.world.now_s
         self.world.at(self.world.now_s + _COMPUTE_S, self, "propose", (stamp_ns,))
 
@@ -325,67 +326,3 @@ class Controllers(Process):
         command = SETTINGS.limits.clip(Command(self.wish_kn, HOME.speed_rpm), latest.command)
         for name in NAMES:
             self.world.broadcast(self.name, SUPERVISORS, "on_proposal", name, stamp_ns, command, latest.source)
-
-
-class PlantEnd(Holder):
-    """The plant as ``plant_node.py`` runs its cores; the process itself stands."""
-
-    applied = HOME  #: what acts; outlasts the process
-
-    def begin(self) -> None:
-        """Begin as a fresh process: force and speed stay as they are."""
-        self.fence, self.watchdog, self.stamps = Fence(), Watchdog(CONFIG), TickStamps()
-        self.register, self._published = self.fence.register, None
-        self.gate = CommandGate(SETTINGS.limits, 0.5)
-        self._stamp_ns: int | None = None
-        self._stepped_s = self.world.now_s
-        self.world.rules.begins()
-        self.repeat()
-        self.tick()
-
-    def tick(self) -> None:
-        """End a step and measure."""
-        world = self.world
-        if self._stamp_ns is not None:
-            if self.fence.overdue:
-                self.watchdog.expire()
-            was = self.watchdog.state
-            before_s, self._stepped_s = self._stepped_s, world.now_s
-            force_kn = self.watchdog.advance(self.applied.force_kn, world.now_s - before_s)
-            self.applied = self.applied._replace(force_kn=force_kn)
-            if self.watchdog.state is WatchdogState.SAFE:
-                if was is not WatchdogState.SAFE:
-                    world.rules.reacted(world.now_s)
-                self.fence.stop(StopCause.WATCHDOG, self._stamp_ns)
-        self.fence.measure()
-        world.rules.measured.append(self.applied)
-        steady_ns = round(world.now_s * NANOSECONDS)
-        stamp_ns = self._stamp_ns = self.stamps.next(world.clock_ns + steady_ns, steady_ns)
-        world.broadcast(self.name, SUPERVISORS, "on_drives", self.fence.state, stamp_ns, self.applied)
-        torque_nm = TORQUE_NM + TORQUE_NM_PER_KN * (self.applied.force_kn - HOME.force_kn)
-        values = (DEPTH_MM, torque_nm, world.temperature_c)
-        world.broadcast(self.name, SUPERVISORS, "on_samples", stamp_ns, values)
-        world.send(self.name, "controllers", "on_samples", stamp_ns, self.applied)
-        self.look()
-        world.at(world.now_s + TICK_S, self, "tick", is_timer=True)
-
-    def on_stop(self, stop: Stop) -> None:
-        """Take another part's copy."""
-        self.fence.hear(stop)
-        self.look()
-
-    def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
-        """Take or refuse a command."""
-        refused, _ = self.fence.check(signature, source)
-        if not refused:
-            refused = self.gate.check(command, stamp_ns, source, True, self._stamp_ns)
-        if not refused:
-            before, self.applied = self.applied, SETTINGS.limits.clip(command, None)
-            self.watchdog.feed()
-            self.fence.take(source)
-            late = round(((self._stamp_ns or stamp_ns) - stamp_ns) / TICK_NS)
-            self.world.rules.acts(signature, stamp_ns, source, command, before, self.world.now_s, late)
-        self.look()
-
-    def link(self, restored: bool) -> None:
-        """There is no further link."""

@@ -84,6 +84,7 @@ class PairRules:
         self._stopped_s: float | None = None  #: of a safe stop that nobody has acknowledged
         self._acknowledged = Stop()  #: the greatest acknowledgement that was given
         self._in_stop_s = -1.0  #: when the actuator's register has said stopped last
+        self._unseen_of = ""  #: leader of the command before a reaction that no actuator end has seen
         self._free_s = -1.0  #: when it has said last that there is none
         self._answered_stop: Request | None = None
         self._answered_stop_s = 0.0
@@ -121,9 +122,15 @@ class PairRules:
             if (request.kind == "safe_stop" and value.stopped) or (request.kind == "acknowledge" and not value.stopped):
                 request.shown = True
 
-    def reacted(self, now_s: float) -> None:
-        """The watchdog has begun to lower the force."""
-        self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
+    def reacted(self, now_s: float, seen: bool = True) -> None:
+        """The watchdog has begun to lower the force; ``seen``: the actuator end was there.
+
+        If not, the leader before is the only one that can know what was in force.
+        """
+        if seen:
+            self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
+        else:
+            self._unseen_of = self.leader
 
     def acts(
         self,
@@ -137,6 +144,9 @@ class PairRules:
     ) -> None:
         """A command acts from now on; ``before`` acted until now, ``late``: ticks since its measurement."""
         self.accepted += 1
+        if self._unseen_of == signature.leader and source != "safe_stop":
+            self._broken("I3", f"{source} of {signature.leader} acts after a reaction of the machine's own")
+        self._unseen_of = ""
         self._check_leader(signature, now_s)
         if stamp_ns in self._stamps:
             self._broken("I5", f"a second command of stamp {stamp_ns} acts")
@@ -150,6 +160,11 @@ class PairRules:
         self.source, self.last_s = source, now_s
         for request in self.open:
             request.shown |= self._asks_for(request, source)
+
+    def refused_as_second(self, signature: Signature) -> None:
+        """A command was refused because another leader's acts for its measurement: it counts as lost."""
+        if signature.leader != self.leader:
+            self._late = max(self._late, 1)
 
     def _within(self, stamp_ns: int, late: int) -> Limits:
         """The bounds, with one move for each tick since the command before: single commands may have been lost."""
@@ -212,7 +227,7 @@ class PairRules:
             self._acknowledgements.append(request)
             self._acknowledged = max(self._acknowledged, value)
             if value > self._stop:
-                self._stopped_s = None
+                self._stopped_s, self._unseen_of = None, ""
         if fence is not None and request.kind == "safe_stop":
             request.shown = fence.register.stopped or self._in_stop_s >= request.asked_s
         elif fence is not None and request.kind == "acknowledge":

@@ -129,7 +129,10 @@ class _Arbiter:
         self.machine = Machine(SETTINGS)
         self.safety = SimpleNamespace(readmit=lambda who: None, tripped=False, blind="")
         self.registry = SimpleNamespace(get=lambda name: None)
-        self.ticks = SimpleNamespace(leading=False, last=None, present=SimpleNamespace(stamp_ns=0, answered=False))
+        self.ticks = SimpleNamespace(
+            leading=False, last=None, present=SimpleNamespace(stamp_ns=0, answered=False), now_s=0.0
+        )
+        self._had_source = self._end_restarted = False
         self.in_force = SimpleNamespace(on_sent=lambda command: None)
         self._start_up = SimpleNamespace(on_status=lambda name, selected: None)
 

@@ -80,7 +80,7 @@ class Process:
 
 
 class World:
-    """The parts, the events that are to come, and the letters.
+    """The parts, the events that are to come, and the letters; ``machine`` is of ``pair_ends.ENDS``.
 
     Attributes
     ----------
@@ -90,8 +90,9 @@ class World:
         Disturbed links, by sender and receiver.
     """
 
-    def __init__(self) -> None:
-        from fsw_test_support.pair_parts import Controllers, Page, PlantEnd, Supervisor
+    def __init__(self, machine: str = "plant") -> None:
+        from fsw_test_support.pair_ends import ENDS
+        from fsw_test_support.pair_parts import Controllers, Page, Supervisor
         from fsw_test_support.pair_settings import SETTINGS
 
         self.now_s = 100.0
@@ -105,7 +106,7 @@ class World:
         self._events: list[tuple[float, int, Process, int, str, tuple[Any, ...], bool]] = []
         self._serial = 0
         self._sent: dict[tuple[str, str], int] = {}
-        self.end = PlantEnd("end", self)
+        self.end = ENDS[machine]("end", self)
         self.a, self.b = Supervisor("a", self), Supervisor("b", self, standby=True)
         self.page, self.controllers = Page("page", self), Controllers("controllers", self)
         self.parts: dict[str, Any] = {
@@ -192,8 +193,8 @@ class World:
                 self.rules.waits(supervisor.requests, self.now_s)
         leader = next((one for one in self.supervisors if one.alive and one.identity == self.rules.leader), None)
         runs = [self.end, self.controllers, *([leader] if leader is not None else [])]
-        sees = leader is not None and all(item.alive and not item.frozen for item in runs) and not self.links
-        if not (sees and self.temperature_c >= TRIP_C):
+        runs_all = leader is not None and all(item.alive and not item.frozen for item in runs)
+        if not (runs_all and not self.links and self.end.is_well and self.temperature_c >= TRIP_C):
             self.rules.cause_s = None
         elif self.rules.cause_s is None:
             self.rules.cause_s = self.now_s
@@ -302,7 +303,7 @@ class World:
         self.clock_ns += round(float(seconds) * NANOSECONDS)
 
     def _do_plc(self, state: str) -> None:
-        self.end.link(state == "restored")
+        self.end.set_plc(state)
 
     # ---------------------------------------------------------------- back to health
 
@@ -310,7 +311,8 @@ class World:
         """All is well from now on, and the operator wants auto: a controller must command within ``heal_s``."""
         self.links.clear()
         self.temperature_c = 885.0
-        self._do_plc("restored")
+        for state in ("well", "permits"):
+            self._do_plc(state)
         for name in PARTS:
             self._do_thaw(name)
         self.tick(12)  # what was not heard is repeated once a second

@@ -10,7 +10,6 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Callable
 from functools import partial
-from importlib import resources
 from math import isfinite, nan
 from typing import Any
 
@@ -22,16 +21,14 @@ from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Frozen, sensor_limits
 from fsw_machine.gateway import Gateway
-from fsw_machine.machine_file import MachineFile
-from fsw_machine.samples import CycleRead, RawValue
 from fsw_model import nominal
 from fsw_plant import PlantConfig
-from fsw_plant.watchdog import Watchdog
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
+from fsw_test_support.plc import MACHINE, Plc, new_gateway
 from fsw_test_support.short_times import HOME, NAMES, SUPERVISOR, TORQUE_NM_PER_KN
 
 TICK_NS = round(weld.TICK_S * NANOSECONDS)
@@ -72,12 +69,11 @@ _BLIND_S = SETTINGS.operator_hold_timeout_s - SETTINGS.tick_period_s / 2.0
 _BLIND_TICKS = round(SETTINGS.operator_hold_timeout_s / SETTINGS.tick_period_s)
 #: ticks after which a level of an interlock takes effect
 _LASTING_TICKS = round(_VALUES["interlocks.persistence_s"] / SETTINGS.tick_period_s)
-_MACHINE = MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").read_text())
 _CONFIG = PlantConfig.from_values(_PLANT)
 _SHARED: list[Any] = [
     SETTINGS,
     SETTINGS.limits,
-    _MACHINE,
+    MACHINE,
     _CONFIG,
     *sensor_limits(_VALUES).values(),
     *interlocks_from(_VALUES),
@@ -113,8 +109,8 @@ class Cell:
 
     Attributes
     ----------
-    in_force : Command
-        Set-points in force at the drives, which follow at once.
+    plc : Plc
+        The machine; without ``gateway`` it stands for the plant.
     control : int
         Ticks in a row in which a controller's command came into force.
     """
@@ -123,15 +119,14 @@ class Cell:
         self.arbiter = _new_arbiter()
         self.gateway: Gateway | None = None
         if gateway:
-            self.gateway = Gateway(_MACHINE, defaults(load("fsw_machine", "gateway.yaml")))
+            self.gateway = new_gateway()
             self.gateway.on_connected()
-        self.watchdog = Watchdog(_CONFIG)
-        self.in_force = HOME
+        self.plc = Plc(_CONFIG, HOME)
         self.temperature, self.candidate = "good", "well"
         self.linked = self.delivering = True
         self.pushed_kn = 0.0
         # No later: in seconds, stamps of today's date are off by 0.1 us, and whether 0.3 s are over would be chance.
-        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**15
+        self.now_s, self.clock_ns = 100.0, 10**15
         self.stamp_ns = 0
         self.followed, self.source = HOME, ""  #: the last command that the controllers have seen, and whose it was
         self.control = 0
@@ -148,10 +143,9 @@ class Cell:
             When a rule does not hold.
         """
         self.now_s += weld.TICK_S
-        self.counter += 1
         self.clock_ns += TICK_NS
         self._change(letter)
-        self._run_machine()
+        self.plc.cycle()
         published = self._read()
         decisions = self._tick(*published, rank) if published is not None else self._wait(self.now_s + 0.0999)
         self._deliver(decisions)
@@ -206,9 +200,10 @@ class Cell:
 
     # ---------------------------------------------------------------- the machine
 
-    def _run_machine(self) -> None:
-        """One cycle of the PLC: without commands it goes to its own safe state."""
-        self.in_force = self.in_force._replace(force_kn=self.watchdog.advance(self.in_force.force_kn))
+    @property
+    def in_force(self) -> Command:
+        """Set-points in force at the drives, which follow at once."""
+        return self.plc.in_force
 
     def _read(self) -> tuple[int, Command] | None:
         """Stamp and drives' feedback of the cycle; None where it is not published."""
@@ -217,13 +212,7 @@ class Cell:
         if self.gateway is None:
             self.stamp_ns = self.clock_ns
             return self.stamp_ns, self.acting
-        force_kn, speed_rpm = self.in_force
-        numbers = {"force_acting": self.acting.force_kn, "force_in_force": force_kn}
-        numbers |= dict.fromkeys(("speed_acting", "speed_in_force"), speed_rpm)
-        numbers |= {"depth": 2.66, "torque": 980.0, "temperature": nan}
-        values = {name: RawValue(value, source_ns=self.clock_ns) for name, value in numbers.items()}
-        values["permissive"] = RawValue(True, source_ns=self.clock_ns)
-        read = CycleRead(self.counter, values, self.clock_ns, self.now_s, self.clock_ns, 1)
+        read = self.plc.read(self.clock_ns, self.now_s, self.acting)
         out = self.gateway.on_read(read)
         if out is None:
             return None
@@ -243,6 +232,7 @@ class Cell:
             self.followed, self.source = decision.command, decision.source
             if not (self.delivering and self.linked):
                 continue
+            order = None
             if self.gateway is not None:
                 at_s = self.now_s + 0.09
                 signature = Signature(1, "supervisor", self.arbiter.machine.register.value)
@@ -253,11 +243,8 @@ class Cell:
                     continue
                 self.rules.written(order.command, self.in_force)
                 self.gateway.on_written(order, "", at_s)
-                self.in_force = order.command
-            else:
-                self.in_force = decision.command
+            self.plc.take(decision.command if order is None else order.command)
             came = decision.source in NAMES and self.in_force == decision.command
-            self.watchdog.feed()
         self.control = self.control + 1 if came else 0
 
     # ---------------------------------------------------------------- one tick

@@ -1,0 +1,32 @@
+"""Figures of an exploration: rows in a JSON file, and tables between marks of ``docs/results/invariants.md``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+Row = dict[str, Any]
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "invariants.md"
+
+
+def load(file: Path) -> list[Row]:
+    """The rows of a file; none if it does not exist."""
+    rows: list[Row] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+    return rows
+
+
+def save(row: Row, file: Path, key: Sequence[str]) -> None:
+    """Put a row into a file, instead of the one with the same values of ``key``."""
+    rows = [one for one in load(file) if any(one[name] != row[name] for name in key)]
+    file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
+
+
+def publish(mark: str, text: str) -> None:
+    """Replace what stands between ``<!-- mark -->`` and ``<!-- end of mark -->`` in the page."""
+    begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
+    before, _, after = PAGE.read_text(encoding="utf-8").partition(begin)
+    _, _, after = after.partition(end)
+    PAGE.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
