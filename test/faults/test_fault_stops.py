@@ -62,7 +62,7 @@ class Stopped:
 
 @pytest.fixture
 def stopped(launch):
-    """A weld in real time with a standby, in control; each test has its own, because copper that has cooled stays so."""
+    """A weld in real time with a standby, in control; each test has its own, as cooled copper stays cold."""
     return Stopped(launch(fresh=True, standby=True))
 
 
