@@ -237,6 +237,8 @@ class Failover:
             early, self._early = self._early, None
             if early[0] == tick.stamp_ns:
                 self._follow(*early)
+            else:  # a measurement has been missed here that the leader has answered: the drives show what is in force
+                self._arbiter.in_force.forget()
 
     def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
         if self.role is Role.LISTENING:

@@ -76,7 +76,9 @@ class Ticks:
             self._begin(stamp_ns)
         tick = self.present
         if tick is not None and stamp_ns == tick.stamp_ns:
-            tick.drives = self._in_force.feedback(stamp_ns) or tick.drives
+            known, tick.drives = tick.drives is not None, self._in_force.feedback(stamp_ns) or tick.drives
+            if self._begins_anew and not known and tick.drives is not None and not (tick.settled or tick.answered):
+                self._in_force.forget()
             for name, sample in accepted.samples.items():
                 if name in SENSORS:
                     tick.samples.setdefault(name, sample)
@@ -148,8 +150,6 @@ class Ticks:
         if not self.leading:
             # The leader decides first.
             period_s = settings.takeover_s(self._lockstep)
-        if self._begins_anew:
-            self._in_force.forget()
         tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
         if gap:
             self.interrupt("measurements are back after a gap")
@@ -200,6 +200,8 @@ class Ticks:
     def _advance(self, final: bool = False) -> None:
         tick = self.present
         if tick is None or tick.settled:
+            return
+        if self._begins_anew and tick.drives is None and not final and self.now_s < tick.deadline_s:
             return
         self._arbitration.decide(tick, self.now_s, final)
         if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:

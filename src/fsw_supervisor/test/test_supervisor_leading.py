@@ -229,6 +229,23 @@ def test_a_command_to_a_measurement_that_never_came_answers_no_other(make_leader
 
 
 @pytest.mark.requirement("S9")
+def test_a_standby_that_has_missed_measurements_takes_over_from_the_drives(make_leader):
+    standby = make_leader(standby=True, takeover_ticks=1)
+    standby.measure()
+    answer(standby)
+    standby.run(0.1)
+    for force_kn in (81.0, 82.0, 83.0, 84.0):
+        standby.stamp_ns += TICK_NS
+        standby.fence.measure()
+        answer(standby, command=Command(force_kn, 410.0))
+        standby.run(0.1)
+    standby.drives = Command(84.0, 410.0)
+    standby.tick(5)
+    assert standby.failover.role is Role.ACTIVE
+    assert standby.sent[0].command.force_kn >= 83.0
+
+
+@pytest.mark.requirement("S9")
 def test_a_new_term_begins_above_each_that_was_heard(make_leader):
     standby = make_leader(standby=True)
     standby.failover.on_leader_state(Signature(7, "other"))
