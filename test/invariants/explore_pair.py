@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import random
+import re
 import sys
 import time
 from collections import Counter
@@ -20,9 +21,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_test_support import results_page
+from fsw_test_support import pair_rules, results_page
 from fsw_test_support.pair_ends import ENDS, PLC_LINKS
-from fsw_test_support.pair_rules import BrokenInvariantError
+from fsw_test_support.pair_rules import HEAL_S, BrokenInvariantError
 from fsw_test_support.supervisor_pair import LINKS, PARTS, SUPERVISORS, World
 
 REQUESTS = ("safe_stop", "acknowledge", "hold", "manual", "auto", "switch")
@@ -183,9 +184,29 @@ def run(kind: str, sequences: Iterable[tuple[str, ...]], machine: str, transitio
     return row | {"accepted": found.accepted, "slowest_s": found.slowest_s, "broken": found.broken, "cpu_s": cpu_s}
 
 
+def invariants() -> list[str]:
+    """The invariants and the fault model as ``pair_rules.py`` states them, in Markdown."""
+    _, mark, text = (pair_rules.__doc__ or "").partition("I1  ")
+    text = (mark + text).replace("``CAUSE_S``", f"{pair_rules.CAUSE_S:g} s").replace("``HEAL_S``", f"{HEAL_S:g} s")
+    text = text.replace("``ANSWER_S``", f"{pair_rules.ANSWER_S:g} s").replace("``SWAPS``", f"{pair_rules.SWAPS}")
+    text = text.replace("``SWAPS_S``", f"{pair_rules.SWAPS_S:g} s")
+    return re.sub(r"^(I\d)  ", r"- **\1** ", text, flags=re.MULTILINE).replace("\n    ", "\n  ").splitlines()
+
+
 def page(rows: Sequence[results_page.Row]) -> str:
-    """The table of the results page, and what is broken."""
-    lines = ["| machine | sequences | number | transitions | commands acted | slowest return [s] | broken | CPU [s] |"]
+    """Invariants and table of the results page, and what is broken."""
+    lines = [*invariants(), ""]
+    names = (
+        "machine",
+        "sequences",
+        "number",
+        "transitions",
+        "commands acted",
+        "slowest return [s]",
+        "broken",
+        "CPU [s]",
+    )
+    lines.append(f"| {' | '.join(names)} |")
     lines.append("|---|---|" + "---:|" * 6)
     for row in rows:
         counts = [f"{row[name]:,}" for name in ("walks", "transitions", "accepted")]

@@ -115,6 +115,7 @@ class PlantEnd(ActuatorEnd):
             self.fence.take(source)
             late = round(((self._stamp_ns or stamp_ns) - stamp_ns) / TICK_NS)
             rules.acts(signature, stamp_ns, source, command, before, self.world.now_s, late)
+            rules.in_force(source)
         elif refused == "repeated":
             rules.refused_as_second(signature)
         self.look()
@@ -130,6 +131,7 @@ class MachineProcess(Process):
         self.plc, self._end = Plc(CONFIG, HOME), end
         self.link, self.permissive = "well", True
         self.moved_kn = 0.0  #: by itself, since the last command
+        self.noticed = False  #: a gateway has read that
 
     def begin(self) -> None:
         """Begin to cycle."""
@@ -153,7 +155,8 @@ class MachineProcess(Process):
             failure, answer_s = ("no answer", _TIMEOUT_S) if self.permissive else ("not permitted", _FLIGHT_S)
         else:
             self.plc.take(order.command)
-            self.moved_kn = 0.0
+            self.world.rules.in_force(order.source)
+            self.moved_kn, self.noticed = 0.0, False
             failure = "no answer" if self.link == "mute" else ""
             answer_s = {"mute": _TIMEOUT_S, "slow": _SLOW_S}.get(self.link, _FLIGHT_S)
         self.world.at(self.world.now_s + answer_s, self._end, "on_written", (order, failure))
@@ -178,7 +181,6 @@ class GatewayEnd(ActuatorEnd):
         self.gateway, self.tracker = new_gateway(), CycleTracker(TICK_S)
         self._sent: dict[int, tuple[Signature, int]] = {}  # by the counter of the cycle that is answered
         self._has_written = False  #: so this process knows what was in force
-        self._read_moved_kn = 0.0
         self._restart(self.gateway.fence)
         if self.life == 0:
             self.machine.begin()
@@ -209,18 +211,24 @@ class GatewayEnd(ActuatorEnd):
         steps = self.tracker.see(machine.plc.counter, world.now_s)
         if steps is None:
             return
-        # A reaction counts once it has been read and is more than the rounding of a node. A fresh process does not know
-        # what was in force before; its leader sees more than one move.
-        enough_kn = _ROUNDED_KN if self._has_written else _MOVE_KN
-        if machine.moved_kn > enough_kn >= self._read_moved_kn:
-            world.rules.reacted(world.now_s, self._has_written)
-        self._read_moved_kn = machine.moved_kn
+        self._notice_reaction()
         clock_ns, acting = world.clock_ns + round(world.now_s * NANOSECONDS), machine.plc.in_force
         sensors, permissive = self._sensors(acting), machine.permissive
         out = self.gateway.on_read(machine.plc.read(clock_ns, world.now_s, acting, sensors, steps, permissive))
         if out is not None:
             self._report(out.stamp_ns, out.drives, (out.depth_mm, out.torque_nm, out.temperature_c))
             self.look()
+
+    def _notice_reaction(self) -> None:
+        """A reaction counts once it has been read and is more than a node's rounding, once for each pause of commands.
+
+        A fresh process does not know what was in force before; its leader sees more than one move.
+        """
+        machine, waits = self.machine, self._has_written and not self.fence.state.source
+        if machine.moved_kn > (_ROUNDED_KN if self._has_written else _MOVE_KN) and not machine.noticed:
+            machine.noticed = True
+            if not waits:
+                self.world.rules.reacted(self.world.now_s, self._has_written)
 
     def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
         """Take or refuse a command."""

@@ -3,11 +3,12 @@
 I1  A safe stop that was answered with success stays: no other command acts before an acknowledgement was given later.
 I2  Terms of commands that act never fall, and a term has one leader; the actuator's stop register never falls.
 I3  While the actuator's register says stopped, or after its watchdog has reacted, only a safe stop acts, until an
-    acknowledgement that was given later.
+    acknowledgement that was given later. If no gateway was there to see that its machine has moved by more than one
+    move, only the leader before has to stop; a gateway takes less than 0.6 moves for rounding.
 I4  A request answered with success has been in force at the actuator end since it was asked for.
 I5  Of each stamp one command acts at most; it is inside the bounds, and one move at most from what acted before,
-    or at one of the last three measurements. At the plant, one for each tick since the command before, if that was
-    lost.
+    or at one of the last three measurements. At the plant, one for each tick since the command before, but three at
+    most, if that was lost or came after another leader's; six where commands are under way for longer than a tick.
 I6  A cause that a supervisor in command can see and answer leads to a safe stop within ``CAUSE_S``.
 I7  Once all is well, within ``HEAL_S`` one supervisor leads, all ticks are answered, and, after the operator's
     acknowledgement, a controller commands. Two that live do not lead in turns more than ``SWAPS`` times in ``SWAPS_S``.
@@ -37,6 +38,8 @@ HEAL_S = 12.0
 SWAPS, SWAPS_S = 9, 10.0
 #: where single commands to the plant were lost, the next one is at most so many moves away
 MOVES = 3
+#: the same so long after a pause or a message that took longer than a tick: as many more may be on their way
+DELAYED_MOVES, DELAYED_S = 6, 0.6
 
 
 class BrokenInvariantError(AssertionError):
@@ -76,6 +79,7 @@ class PairRules:
         self.leader = ""
         self.last_s = 0.0  #: when it acted
         self.measured: deque[Command] = deque(maxlen=3)  #: what acted at the last measurements
+        self._delayed_s = -1.0  #: when a command was under way for longer than a tick last
         self._late = 0  #: ticks by which the last command was late
         self._term = 0
         self._leaders: dict[int, str] = {}
@@ -150,26 +154,37 @@ class PairRules:
         self._check_leader(signature, now_s)
         if stamp_ns in self._stamps:
             self._broken("I5", f"a second command of stamp {stamp_ns} acts")
-        limits = self._within(stamp_ns, late)
+        limits = self._within(stamp_ns, late, now_s)
         wrong = refusal(command, limits, before)
         self._stamps.append(stamp_ns)
         if wrong is not None and all(refusal(command, limits, acted) for acted in self.measured):
             self._broken("I5", f"{source} of {signature.leader}: {wrong.words}")
         if source != "safe_stop":
             self._check_control(source, signature, now_s)
-        self.source, self.last_s = source, now_s
+        self.last_s = now_s
+
+    def in_force(self, source: str) -> None:
+        """The machine has taken a command."""
+        self.source = source
         for request in self.open:
             request.shown |= self._asks_for(request, source)
+
+    def delayed(self, now_s: float) -> None:
+        """Commands are under way for longer than a tick: a process goes on after a pause, or a link is slow."""
+        self._delayed_s = now_s
 
     def refused_as_second(self, signature: Signature) -> None:
         """A command was refused because another leader's acts for its measurement: it counts as lost."""
         if signature.leader != self.leader:
             self._late = max(self._late, 1)
 
-    def _within(self, stamp_ns: int, late: int) -> Limits:
+    def _within(self, stamp_ns: int, late: int, now_s: float) -> Limits:
         """The bounds, with one move for each tick since the command before: single commands may have been lost."""
         ticks = round((stamp_ns - self._stamps[-1]) / TICK_NS) if self._stamps else 1
-        moves = min(max(ticks, 1 + late, 1 + self._late), self.most_moves)
+        most = self.most_moves
+        if most > 1 and now_s - self._delayed_s <= DELAYED_S:
+            most = DELAYED_MOVES
+        moves = min(max(ticks, 1 + late, 1 + self._late), most)
         self._late = late
         return replace(
             self._limits,

@@ -146,6 +146,8 @@ class World:
         turn = self._sent[source, target] = self._sent.get((source, target), -1) + 1
         pattern = LINKS[link]
         for delay_s in pattern[turn % len(pattern)]:
+            if delay_s > weld.TICK_S:
+                self.rules.delayed(self.now_s)
             self.at(self.now_s + delay_s, process, method, args)
 
     def broadcast(self, source: str, targets: tuple[str, ...], method: str, *args: Any) -> None:
@@ -239,6 +241,7 @@ class World:
 
     def _note_pause(self, name: str) -> None:
         part = self.parts[name]
+        self.rules.delayed(self.now_s)
         for request in getattr(part, "requests", ()):
             request.ran_s = self.now_s
 
