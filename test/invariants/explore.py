@@ -393,7 +393,7 @@ def main() -> int:
     parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
     if args.publish:
-        results_page.publish("results", page(results_page.load(args.publish)))
+        results_page.publish("invariants.md", "results", page(results_page.load(args.publish)))
         return 0
     Rules.forgiven = frozenset(args.forgive)
     broken = set[str]()

@@ -229,7 +229,7 @@ def main() -> int:
     parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
     if args.publish:
-        results_page.publish("pair results", page(results_page.load(args.publish)))
+        results_page.publish("invariants-pair.md", "pair results", page(results_page.load(args.publish)))
         return 0
     machines, broken = (tuple(ENDS) if args.machine == "both" else (args.machine,)), 0
     for machine in machines:

@@ -1,4 +1,4 @@
-"""Figures of an exploration: rows in a JSON file, and tables between marks of ``docs/results/invariants.md``."""
+"""Figures of an exploration: rows in a JSON file, and tables between marks of a page of ``docs/results``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 Row = dict[str, Any]
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "invariants.md"
+PAGES = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 
 def load(file: Path) -> list[Row]:
@@ -24,9 +24,10 @@ def save(row: Row, file: Path, key: Sequence[str]) -> None:
     file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
 
 
-def publish(mark: str, text: str) -> None:
-    """Replace what stands between ``<!-- mark -->`` and ``<!-- end of mark -->`` in the page."""
+def publish(name: str, mark: str, text: str) -> None:
+    """Replace what stands between ``<!-- mark -->`` and ``<!-- end of mark -->`` in the page of a name."""
     begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
-    before, _, after = PAGE.read_text(encoding="utf-8").partition(begin)
+    page = PAGES / name
+    before, _, after = page.read_text(encoding="utf-8").partition(begin)
     _, _, after = after.partition(end)
-    PAGE.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
+    page.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
