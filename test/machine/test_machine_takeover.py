@@ -17,6 +17,7 @@ from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, RawValue
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
 from fsw_supervisor.state_machine import Mode
+from fsw_test_support.short_times import any_residual
 
 _TICK_S = 0.1
 _START_NS = 1_700_000_000 * NANOSECONDS
@@ -26,12 +27,6 @@ _VALUES = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
 _PATIENCE, _RAMP_KN, _SAFE_KN = 5, 0.2, 60.0
 #: two takeovers, of which the first may be refused, each after a pause and with a start
 _BOUND_TICKS = 45
-#: limits of the depth against its model that are never reached
-_ANY_DEPTH = {
-    f"interlocks.depth_model_{side}.{level}": sign * limit_mm
-    for side, sign in (("low", -1.0), ("high", 1.0))
-    for level, limit_mm in (("warn", 8.0), ("trip", 9.0))
-}
 
 
 class Loop:
@@ -53,7 +48,7 @@ class Loop:
         self.gateway.on_connected()
         self.arbiter = Arbiter(ArbiterSettings.from_values({}))
         parameters = defaults(load("fsw_supervisor", "supervisor.yaml"))
-        self.arbiter.safety.configure(parameters | _ANY_DEPTH)  # this depth does not follow the force
+        self.arbiter.safety.configure(parameters | any_residual("depth"))  # this depth does not follow the force
         self.in_force, self.push, self.late = Command(78.4, 407.5), Command(0.0, 0.0), False
         self.counter, self.silent, self.first = 100, 0, []
 

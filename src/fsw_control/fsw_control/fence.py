@@ -13,6 +13,9 @@ from fsw_control.stop import Stop, StopCause, StopRegister
 
 #: measurements for which a supervisor has time to carry out a safe stop (chosen: 0.3 s)
 _PATIENCE = 3
+#: after this many commands in a row that do not reach the machine, control restarts from the drives' feedback; single
+#: lost commands before are caught up with
+LOST_COMMANDS = 3
 
 
 class Signature(NamedTuple):

@@ -61,8 +61,11 @@ class StopRegister:
 
     def stop(self, cause: StopCause, who: str, since_ns: int) -> None:
         """Begin a safe stop, which the acknowledgement of an earlier one does not cover."""
-        epoch = min(self.value.epoch + 1, LAST_EPOCH)
-        self.merge(Stop(epoch, True, cause, who, since_ns))
+        self.merge(self.next_stop(cause, who, since_ns))
+
+    def next_stop(self, cause: StopCause, who: str, since_ns: int) -> Stop:
+        """The value of a safe stop that would begin now."""
+        return Stop(min(self.value.epoch + 1, LAST_EPOCH), True, cause, who, since_ns)
 
     def acknowledge(self, who: str, since_ns: int) -> None:
         """End the safe stop that this copy knows."""

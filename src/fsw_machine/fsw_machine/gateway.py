@@ -11,7 +11,7 @@ from fsw_control import weld
 from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.contract import Command, Limits
-from fsw_control.fence import UNSIGNED, Fence, Signature
+from fsw_control.fence import LOST_COMMANDS, UNSIGNED, Fence, Signature
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
@@ -25,8 +25,6 @@ REASONS = ("disconnected", "not_permissive", "stale_read", "unanswered", "paused
 PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
 #: number of cycles for which a read counts as fresh
 FRESH_CYCLES = 2.5
-#: after this many commands in a row that do not reach the machine, control restarts from the drives' feedback
-_LOST_COMMANDS = 3
 #: where single commands were lost, the next one is cut to one move: for so many cycles, and up to so many moves away
 _CATCH_UP = 3
 #: a machine may show one cycle later what it has taken
@@ -164,7 +162,7 @@ class Gateway:
         self.permissive = self.samples["permissive"].value == 1.0
         self._note_safe_reaction(stamp_ns)
         begins = False
-        given_up = self._lost and self.fence.state.unanswered >= _LOST_COMMANDS  # no supervisor knows what is in force
+        given_up = self._lost and self.fence.state.unanswered >= LOST_COMMANDS  # no supervisor knows what is in force
         if not self.permissive or given_up:
             self._part()
         elif not self.joined:
@@ -323,7 +321,7 @@ class Gateway:
 
     def _lose(self) -> None:
         self._lost += 1
-        if self._lost >= _LOST_COMMANDS:
+        if self._lost >= LOST_COMMANDS:
             self._part()
 
     def on_written(self, order: Order, failure: str, now_s: float) -> Order | None:

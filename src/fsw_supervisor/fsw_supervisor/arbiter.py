@@ -24,8 +24,8 @@ from typing import Any
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
-from fsw_control.fence import ActuatorState
-from fsw_control.stop import LAST_EPOCH, Stop, StopCause
+from fsw_control.fence import LOST_COMMANDS, ActuatorState
+from fsw_control.stop import Stop, StopCause
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
@@ -37,10 +37,6 @@ from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_supervisor.ticks import Ticks
-
-#: after so many commands in a row that did not reach the actuator end, control begins from the drives' feedback; single
-#: lost commands before are caught up with (chosen, as in the gateway)
-_LOST_COMMANDS = 3
 
 
 class Arbiter:
@@ -124,8 +120,7 @@ class Arbiter:
         self._end_restarted, before = False, self.in_force.applied or self.in_force.seen
         acting = self.in_force.commanded(feedback)
         if before is not None and refusal(acting, self.settings.limits, before) is not None:
-            epoch = min(self.machine.register.value.epoch + 1, LAST_EPOCH)
-            self.machine.merge_stop(Stop(epoch, True, StopCause.WATCHDOG, "plant", stamp_ns))
+            self.machine.merge_stop(self.machine.register.next_stop(StopCause.WATCHDOG, "plant", stamp_ns))
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that arrived on the topic of controller ``name``."""
@@ -176,7 +171,7 @@ class Arbiter:
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
-        self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= _LOST_COMMANDS
+        self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= LOST_COMMANDS
         self._end_restarted |= self._had_source and not (state.source or state.stop.stopped)
         self._had_source = bool(state.source)
         self.on_stop(state.stop)

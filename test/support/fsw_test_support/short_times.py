@@ -10,6 +10,18 @@ HOME = Command(78.0, 400.0)  #: where the controllers want to be
 NAMES = ("decentral", "nmpc")
 #: what a kN more adds to the torque at the paper's operating point [N m]
 TORQUE_NM_PER_KN = 12.84
+
+
+def any_residual(*values: str) -> dict[str, float]:
+    """Parameters of the supervisor under which values may be as far from their model as they like."""
+    return {
+        f"interlocks.{value}_model_{side}.{level}": sign * limit
+        for value in values
+        for side, sign in (("low", -1.0), ("high", 1.0))
+        for level, limit in (("warn", 900.0), ("trip", 1000.0))
+    }
+
+
 #: parameters of the supervisor
 SUPERVISOR: dict[str, Any] = {
     "warm_ticks": 2,
@@ -22,10 +34,5 @@ SUPERVISOR: dict[str, Any] = {
     # These have tests of their own: here the drives move at once, which no process does.
     "blind_limit_s": 3600.0,
     "validity.torque.max_jump": 1000.0,
-    **{
-        f"interlocks.{value}_model_{side}.{level}": sign * limit
-        for value in ("torque", "depth", "temperature")
-        for side, sign in (("low", -1.0), ("high", 1.0))
-        for level, limit in (("warn", 900.0), ("trip", 1000.0))
-    },
+    **any_residual("torque", "depth", "temperature"),
 }
