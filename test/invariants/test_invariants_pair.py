@@ -69,9 +69,16 @@ def test_counter_examples_of_earlier_versions(letters):
         ("freeze a", "plc mute", "run 3", "freeze b", "press", "ms 70", "run 3"),
         ("kill a", "run 1", "plc deaf", "run 1", "kill b", "run 3"),
         ("freeze a", "ms 30", "kill end", "run 12", "start end"),
+        (
+            *("network dup", "press", "run 5", "ask acknowledge a", "ms 30", "run 5", "freeze a", "isolate b"),
+            *("ask acknowledge a", "press", "ms 30"),
+        ),
     ],
 )
 def test_counter_examples_with_the_gateway(letters):
-    """A command that waits when a stop comes, fresh supervisors after a failed write, a fresh gateway after a ramp."""
+    """A command that waits when a stop comes, fresh supervisors after a failed write, a fresh gateway after a ramp.
+
+    A stop that comes between an acknowledgement and a report that has waited.
+    """
     _, error = walk(letters, "gateway")
     assert error is None

@@ -26,6 +26,8 @@ class Signature(NamedTuple):
     stop: Stop = Stop()  #: its copy of the stop register
 
 
+#: source of what acts while it is not known whether the last command has reached the machine
+UNKNOWN = "unknown"
 #: a command that no supervisor has signed
 UNSIGNED = Signature()
 
@@ -36,8 +38,8 @@ class ActuatorState(NamedTuple):
     term: int = 0  #: greatest term of a command that it has taken
     leader: str = ""  #: who sent that
     unanswered: int = 0  #: measurements in a row before this one that this leader has not answered
-    #: of the command that acts: a controller, ``manual``, ``hold`` or ``safe_stop``; empty before the first one, and
-    #: while the actuator end moves the drives by itself
+    #: of the command that acts: a controller, ``manual``, ``hold``, ``safe_stop`` or ``UNKNOWN``; empty before the
+    #: first one, and while the actuator end moves the drives by itself
     source: str = ""
     stop: Stop = Stop()  #: its copy of the stop register
 
@@ -98,6 +100,10 @@ class Fence:
     def take(self, source: str) -> None:
         """Note that a command of ``source`` acts from now on."""
         self._source, self._reacted = source, False
+
+    def doubt(self) -> None:
+        """Note that a command may act from now on, or not."""
+        self._source = self._source and UNKNOWN
 
     @property
     def overdue(self) -> bool:

@@ -335,6 +335,7 @@ class Gateway:
         if failure:
             self.failed += 1
             self.last_failure = failure
+            self.fence.doubt()
             self._writes.append(_Write(order, self._cycle, acknowledged=False))
             self._lose()
         else:

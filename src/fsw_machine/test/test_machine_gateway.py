@@ -6,7 +6,7 @@ from math import isnan, nan
 import pytest
 
 from fsw_control import Command
-from fsw_control.fence import Signature
+from fsw_control.fence import UNKNOWN, Signature
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
@@ -469,6 +469,24 @@ def test_a_machine_that_has_stayed_where_it_was_is_commanded_again(running):
     running.pause()
     assert not running.gateway.fence.register.stopped
     running.obey(running.command())
+
+
+@pytest.mark.requirement("S38")
+def test_of_a_write_that_may_have_arrived_the_source_is_unknown(running):
+    """Else a request would be answered by what acted before it."""
+    gateway = running.gateway
+    assert gateway.fence.state.source == ""
+    gateway.on_written(running.command(), "no answer", running.now_s)
+    assert gateway.fence.state.source == "", "no command has acted yet"
+    running.cycle()
+    running.obey(running.command())
+    assert gateway.fence.state.source == "nmpc"
+    running.cycle()
+    gateway.on_written(running.command(source="hold"), "no answer", running.now_s)
+    assert gateway.fence.state.source == UNKNOWN
+    running.cycle()
+    running.obey(running.command(source="hold"))
+    assert gateway.fence.state.source == "hold"
 
 
 @pytest.mark.requirement("S25")

@@ -7,6 +7,7 @@ import rclpy
 import yaml
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_msgs.msg import Header, String
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
@@ -19,6 +20,7 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
 from fsw_schema.models import InputError
+from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
@@ -160,6 +162,37 @@ def test_in_lockstep_nothing_is_measured_before_the_set_points_have_arrived(tmp_
         assert answers == [False, False, False, True], "the sensors were not subscribed to before"
     finally:
         graph.end()
+
+
+def test_in_lockstep_the_plant_goes_on_when_a_switch_has_arrived(tmp_path, monkeypatch):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(
+        yaml.safe_dump({"name": "swap", "duration_s": 5.0, "events": [{"at_s": 0.3, "switch": "decentral"}]})
+    )
+    seen, publish, wait = [], Publisher.publish, Publisher.wait_for_all_acked
+
+    def note(publisher, message):
+        seen.append((publisher.topic_name, message))
+        return publish(publisher, message)
+
+    def waited(publisher, timeout):
+        seen.append((publisher.topic_name, "arrived"))
+        return wait(publisher, timeout)
+
+    monkeypatch.setattr(Audience, "absent", lambda _: "")
+    monkeypatch.setattr(player_graph, "START_NS", 0)
+    graph = PlayerGraph(str(path), "use_sim_time:=true")
+    try:
+        monkeypatch.setattr(Publisher, "publish", note)
+        monkeypatch.setattr(Publisher, "wait_for_all_acked", waited)
+        graph.until(lambda: graph.tick() and any(isinstance(message, String) for _, message in seen))
+        graph.until(lambda: isinstance(seen[-1][1], Header))
+    finally:
+        graph.end()
+    at = next(number for number, (_, message) in enumerate(seen) if isinstance(message, String))
+    later = [(topic.rpartition("/")[2], message) for topic, message in seen[at + 1 :]]
+    assert ("switch_request", "arrived") in later
+    assert not any(isinstance(message, Header) for _, message in later[: later.index(("switch_request", "arrived"))])
 
 
 @pytest.mark.parametrize("unmatched", ["/fsw/reference", "/fsw/reference_plan"])

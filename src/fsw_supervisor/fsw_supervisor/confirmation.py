@@ -53,9 +53,17 @@ class Confirmations:
         return self._add(shows, now_s)
 
     def of_acknowledgement(self, now_s: float) -> Confirmation:
-        """The acknowledgement of this supervisor's register is known."""
-        value = self._failover.signature.stop
-        return self._add(lambda state: state.stop >= value and not state.stop.stopped, now_s)
+        """The acknowledgement of this supervisor's register is known, and no safe stop has been heard since.
+
+        Of a stop that was acknowledged before, reports show that already; one that has waited here does not count.
+        """
+        machine = self._failover.machine
+        value = machine.register.value
+
+        def shows(state: ActuatorState) -> bool:
+            return state.stop >= value and not (state.stop.stopped or machine.register.stopped)
+
+        return self._add(shows, now_s, machine.settings.tick_period_s)
 
     def of_mode(self, mode: Mode, now_s: float) -> Confirmation:
         """Commands of the mode act that were decided after the request.

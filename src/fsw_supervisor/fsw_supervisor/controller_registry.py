@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from fsw_control.contract import BUILT_IN_SOURCES, SENSORS
+from fsw_control.fence import UNKNOWN
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
 #: names of controllers, and those that none may have: of other sources, and of the supervisor's topics
-NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor")
+NAME, RESERVED = "[A-Za-z][A-Za-z0-9_]*", (*BUILT_IN_SOURCES, "supervisor", UNKNOWN)
 #: ticks that a proposal may lag behind in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
 #: proposals of a controller kept for measurements that have not arrived yet; more than a burst after a stall

@@ -108,6 +108,29 @@ def test_an_acknowledgement_is_confirmed_when_the_actuator_end_knows_it(asked):
 
 
 @pytest.mark.requirement("S38")
+def test_a_second_acknowledgement_is_not_confirmed_once_another_stop_is_heard(asked):
+    """The report that comes next may still be of the time before that stop."""
+    leader, fence = asked.leader, asked.leader.fence
+    asked.mode(Mode.SAFE_STOP)
+    asked.measure(3)
+    assert asked.operator.acknowledge("anna")[0]
+    asked.measure(2)
+    assert asked.operator.acknowledge("anna")[0]
+    waiting = asked.confirmations.of_acknowledgement(leader.now_s)
+    before = fence.register.value
+    leader.failover.on_stop(fence.register.next_stop(StopCause.OPERATOR, "bert", 0))
+    for _ in range(3):
+        leader.failover.on_actuator(fence.state._replace(stop=before), leader.now_s)
+        asked.confirmations.on_report()
+        leader.run(0.1)
+        asked.confirmations.look(leader.now_s)
+    assert waiting.ok is None
+    leader.run(CONFIRM_S)
+    asked.confirmations.look(leader.now_s)
+    assert waiting.ok is False
+
+
+@pytest.mark.requirement("S38")
 def test_a_stop_of_the_actuator_ends_own_is_not_acknowledged_unseen(asked):
     """The watchdog has begun a safe stop of the same epoch that has not been reported yet."""
     asked.mode(Mode.SAFE_STOP)

@@ -89,7 +89,8 @@ class Peer(Node):
         self.fence.measure()
         self.drives.publish(convert.drives_message(acting, self.stamp_ns, self.fence.state))
         self.depths.publish(convert.depth_message(2.66, self.stamp_ns))
-        self.torques.publish(convert.torque_message(1050.0, self.stamp_ns))
+        torque_nm = 1050.0 * self.applied.force_kn / 78.4
+        self.torques.publish(convert.torque_message(torque_nm, self.stamp_ns))
         self.temperatures.publish(convert.temperature_message(850.0, self.stamp_ns))
         for name, (proposals, statuses) in self.voices.items():
             force = float("nan") if name in self.wild else self.applied.force_kn
@@ -327,10 +328,11 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
     assert bench.switch("third").ok
 
 
-def test_names_that_are_sources_already_are_no_controllers(bench):
-    bench.peer.add("manual")
+@pytest.mark.parametrize("name", ["manual", "unknown"])
+def test_names_that_are_sources_already_are_no_controllers(bench, name):
+    bench.peer.add(name)
     bench.until(lambda: bench.supervisor._controllers.ignored)
-    assert "unknown controller 'manual'" in bench.switch("manual").message
+    assert f"unknown controller {name!r}" in bench.switch(name).message
 
 
 @pytest.mark.requirement("S1")

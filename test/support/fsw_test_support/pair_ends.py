@@ -228,7 +228,7 @@ class GatewayEnd(ActuatorEnd):
         if machine.moved_kn > (_ROUNDED_KN if self._has_written else _MOVE_KN) and not machine.noticed:
             machine.noticed = True
             if not waits:
-                self.world.rules.reacted(self.world.now_s, self._has_written)
+                self.world.rules.reacted(self.world.now_s, None if self._has_written else machine.plc.in_force)
 
     def on_command(self, signature: Signature, stamp_ns: int, source: str, command: Command) -> None:
         """Take or refuse a command."""

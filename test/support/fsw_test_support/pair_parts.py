@@ -155,6 +155,7 @@ class Supervisor(Holder):
         world, failover = self.world, self.failover
         for decision in failover.pass_on(decisions, world.now_s):
             sent = (failover.signature, decision.stamp_ns, decision.source, decision.command)
+            world.rules.sent(self.identity, decision.command)
             for target in ("end", "controllers", self.other.name):
                 world.send(self.name, target, "on_command", *sent)
             world.at(world.now_s, self, "on_command", sent)

@@ -4,7 +4,8 @@ I1  A safe stop that was answered with success stays: no other command acts befo
 I2  Terms of commands that act never fall, and a term has one leader; the actuator's stop register never falls.
 I3  While the actuator's register says stopped, or after its watchdog has reacted, only a safe stop acts, until an
     acknowledgement that was given later. If no gateway was there to see that its machine has moved by more than one
-    move, only the leader before has to stop; a gateway takes less than 0.6 moves for rounding.
+    move, only the leader before has to stop, and only if it is more than a move from where that leader has put it; a
+    gateway takes less than 0.6 moves for rounding.
 I4  A request answered with success has been in force at the actuator end since it was asked for.
 I5  Of each stamp one command acts at most; it is inside the bounds, and one move at most from what acted before,
     or at one of the last three measurements. At the plant, one for each tick since the command before, but three at
@@ -85,10 +86,12 @@ class PairRules:
         self._leaders: dict[int, str] = {}
         self._stop = Stop()
         self._stamps: deque[int] = deque(maxlen=64)
+        self._acted_ns: int | None = None  #: stamp of the last command that acted
         self._stopped_s: float | None = None  #: of a safe stop that nobody has acknowledged
         self._acknowledged = Stop()  #: the greatest acknowledgement that was given
         self._in_stop_s = -1.0  #: when the actuator's register has said stopped last
         self._unseen_of = ""  #: leader of the command before a reaction that no actuator end has seen
+        self._sent: dict[str, Command] = {}  #: the last command of each supervisor
         self._free_s = -1.0  #: when it has said last that there is none
         self._answered_stop: Request | None = None
         self._answered_stop_s = 0.0
@@ -126,14 +129,18 @@ class PairRules:
             if (request.kind == "safe_stop" and value.stopped) or (request.kind == "acknowledge" and not value.stopped):
                 request.shown = True
 
-    def reacted(self, now_s: float, seen: bool = True) -> None:
-        """The watchdog has begun to lower the force; ``seen``: the actuator end was there.
+    def sent(self, leader: str, command: Command) -> None:
+        """A supervisor has sent a command."""
+        self._sent[leader] = command
 
-        If not, the leader before is the only one that can know what was in force.
+    def reacted(self, now_s: float, unseen: Command | None = None) -> None:
+        """The watchdog has begun to lower the force; ``unseen``: where it is, while no actuator end was there.
+
+        Then the leader before is the only one that can know what was in force: what it has sent, as far as it knows.
         """
-        if seen:
+        if unseen is None:
             self._stopped_s = now_s if self._stopped_s is None else self._stopped_s
-        else:
+        elif refusal(unseen, self._limits, self._sent[self.leader]) is not None:
             self._unseen_of = self.leader
 
     def acts(
@@ -157,6 +164,7 @@ class PairRules:
         limits = self._within(stamp_ns, late, now_s)
         wrong = refusal(command, limits, before)
         self._stamps.append(stamp_ns)
+        self._acted_ns = stamp_ns
         if wrong is not None and all(refusal(command, limits, acted) for acted in self.measured):
             self._broken("I5", f"{source} of {signature.leader}: {wrong.words}")
         if source != "safe_stop":
@@ -180,7 +188,7 @@ class PairRules:
 
     def _within(self, stamp_ns: int, late: int, now_s: float) -> Limits:
         """The bounds, with one move for each tick since the command before: single commands may have been lost."""
-        ticks = round((stamp_ns - self._stamps[-1]) / TICK_NS) if self._stamps else 1
+        ticks = 1 if self._acted_ns is None else round((stamp_ns - self._acted_ns) / TICK_NS)
         most = self.most_moves
         if most > 1 and now_s - self._delayed_s <= DELAYED_S:
             most = DELAYED_MOVES
