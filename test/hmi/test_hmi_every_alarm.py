@@ -105,6 +105,13 @@ class AlarmWeld(Spinner):
         self.signal(signal.SIGKILL, name)
         self.launcher.children[name].process.wait()
 
+    def until_done(self, do, **content):
+        """Ask until it is done: on a busy machine a tick may have been missed, and a controller is not ready yet."""
+        end_s = time.monotonic() + PATIENCE_S
+        while (answer := self.page.ask(do, **content))["outcome"] != "done":
+            assert time.monotonic() < end_s, answer
+            self.page.until("tick")
+
     def ask(self, do, **content):
         answer = self.page.ask(do, **content)
         assert answer["outcome"] == "done", answer
@@ -119,7 +126,7 @@ class AlarmWeld(Spinner):
         # one whose library is still being compiled is not yet known
         self.page.seen("state", lambda frame: {"nmpc", "decentral"} <= {one["name"] for one in frame["controllers"]})
         if self.page.frames["state"]["actual_controller"] != "nmpc":
-            self.ask("switch", controller="nmpc", wait_s=10)
+            self.until_done("switch", controller="nmpc", wait_s=10)
         self.until_auto("nmpc")
         return self
 
@@ -142,12 +149,8 @@ class AlarmWeld(Spinner):
         assert result.successful, result.reason
 
     def acknowledge_stop(self):
-        """Go on after a safe stop; on a busy machine a measurement may have been missed, and either is refused."""
         for do, content in (("acknowledge_stop", {}), ("mode", {"mode": "auto"})):
-            end_s = time.monotonic() + PATIENCE_S
-            while (answer := self.page.ask(do, **content))["outcome"] != "done":
-                assert time.monotonic() < end_s, answer
-                self.page.until("tick")
+            self.until_done(do, **content)
         self.until_auto()
 
     def tell(self, level, text, *nodes):
@@ -295,7 +298,7 @@ def test_alarm_of_a_controller_that_is_inhibited(graph):
 
     def go_back():
         thawed(weld, "nmpc")
-        weld.ask("switch", controller="nmpc", wait_s=10)
+        weld.until_done("switch", controller="nmpc", wait_s=10)
         weld.until_auto("nmpc")
 
     weld.cycle("controller:nmpc", fail, go_back, "Controller nmpc is inhibited: no proposal at the deadline")
@@ -303,7 +306,7 @@ def test_alarm_of_a_controller_that_is_inhibited(graph):
 
 def test_alarm_of_a_controller_that_is_not_ready(graph):
     weld = graph.weld()
-    weld.ask("switch", controller="decentral", wait_s=10)
+    weld.until_done("switch", controller="decentral", wait_s=10)
     weld.until_auto("decentral")
     freeze = partial(weld.signal, signal.SIGSTOP, "nmpc")
     weld.cycle("controller:nmpc", freeze, partial(thawed, weld, "nmpc"), "Controller nmpc is not ready: ")

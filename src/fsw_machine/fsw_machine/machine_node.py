@@ -78,10 +78,10 @@ class MachineNode(ManagedNode):
 
     def activate(self) -> None:
         """Make sure that the gateway is alone, and connect."""
+        self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
         self._guard.check(self._settings["discovery_s"], self._announce)
-        self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)
