@@ -73,12 +73,16 @@ def test_counter_examples_of_earlier_versions(letters):
             *("network dup", "press", "run 5", "ask acknowledge a", "ms 30", "run 5", "freeze a", "isolate b"),
             *("ask acknowledge a", "press", "ms 30"),
         ),
+        (
+            *("isolate a", "ms 30", "link dup end b", "run 5", "ask hold b", "network swap", "run 1"),
+            *("ask auto b", "run 2"),
+        ),
     ],
 )
 def test_counter_examples_with_the_gateway(letters):
     """A command that waits when a stop comes, fresh supervisors after a failed write, a fresh gateway after a ramp.
 
-    A stop that comes between an acknowledgement and a report that has waited.
+    A stop that comes between an acknowledgement and a report that has waited, a report of the mode before.
     """
     _, error = walk(letters, "gateway")
     assert error is None

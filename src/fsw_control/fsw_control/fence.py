@@ -42,6 +42,7 @@ class ActuatorState(NamedTuple):
     #: first one, and while the actuator end moves the drives by itself
     source: str = ""
     stop: Stop = Stop()  #: its copy of the stop register
+    answered_ns: int = 0  #: stamp of the measurement that the command which acts answers
 
 
 class Fence:
@@ -54,14 +55,15 @@ class Fence:
 
     def __init__(self) -> None:
         self.register = StopRegister()
-        self._term, self._leader, self._source = 0, "", ""
+        self._term, self._leader, self._source, self._answered_ns = 0, "", "", 0
         self._answered, self._unanswered, self._overdue = True, 0, 0
         self._reacted = False  #: it has begun a safe stop of its own since the last command that acts
 
     @property
     def state(self) -> ActuatorState:
         """What is reported with the present measurement."""
-        return ActuatorState(self._term, self._leader, self._unanswered, self._source, self.register.value)
+        value = self.register.value
+        return ActuatorState(self._term, self._leader, self._unanswered, self._source, value, self._answered_ns)
 
     def measure(self) -> None:
         """Note that a new measurement is taken."""
@@ -97,9 +99,9 @@ class Fence:
             return "stopped", f"{source!r} does not know the last acknowledgement yet"
         return "", ""
 
-    def take(self, source: str) -> None:
-        """Note that a command of ``source`` acts from now on."""
-        self._source, self._reacted = source, False
+    def take(self, source: str, stamp_ns: int) -> None:
+        """Note that a command of ``source``, which answers the measurement of a stamp, acts from now on."""
+        self._source, self._answered_ns, self._reacted = source, stamp_ns, False
 
     def doubt(self) -> None:
         """Note that a command may act from now on, or not."""

@@ -94,6 +94,7 @@ def drives_message(acting: Command, time_ns: int, actuator: ActuatorState | None
             leader=state.leader,
             unanswered=state.unanswered,
             source=state.source,
+            answered=stamp_from_ns(state.answered_ns),
             stop=stop_message(state.stop),
         ),
     )
@@ -102,7 +103,8 @@ def drives_message(acting: Command, time_ns: int, actuator: ActuatorState | None
 def actuator_state(message: DriveFeedback) -> ActuatorState:
     """What the actuator end remembers."""
     state = message.actuator
-    return ActuatorState(state.term, state.leader, state.unanswered, state.source, stop(state.stop))
+    answered_ns = stamp_ns(state.answered)
+    return ActuatorState(state.term, state.leader, state.unanswered, state.source, stop(state.stop), answered_ns)
 
 
 def stop(message: StopMessage) -> Stop:

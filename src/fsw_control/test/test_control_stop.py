@@ -96,7 +96,7 @@ def test_fence_invariants_hold_whatever_arrives(happened):
             passed = fence.check(value, source) == ("", "")
             state = fence.state
             if passed:
-                fence.take(source)
+                fence.take(source, 0)
                 assert (value.term, value.leader) == (state.term, state.leader)
                 assert source == "safe_stop" or not state.stop.stopped
                 assert source == "safe_stop" or value.stop == state.stop, "it knows the present epoch"
@@ -131,19 +131,22 @@ def test_unanswered_measurements_are_counted():
 
 def test_a_stop_that_nobody_carries_out_is_overdue():
     fence = Fence()
-    fence.take("nmpc")
+    fence.take("nmpc", 0)
     fence.register.stop(StopCause.OPERATOR, "anna", 0)
     due = []
     for _ in range(6):
         due.append(fence.overdue)
         fence.measure()
     assert due == [False] * 4 + [True] * 2
-    fence.take("safe_stop")
+    fence.take("safe_stop", 0)
     fence.measure()
     assert not fence.overdue
 
 
-@given(st.builds(ActuatorState, st.integers(0, 9), st.text(max_size=3), st.integers(0, 9), sources, stops))
+stamps = st.integers(0, 2**61)
+
+
+@given(st.builds(ActuatorState, st.integers(0, 9), st.text(max_size=3), st.integers(0, 9), sources, stops, stamps))
 def test_the_actuators_state_survives_its_message(state):
     assert convert.actuator_state(convert.drives_message(Command(78.0, 400.0), 5, state)) == state
 

@@ -55,7 +55,7 @@ class Publication:
 class Order:
     """A command of ``source`` that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat.
 
-    ``before`` is what the machine had when it was accepted.
+    ``before`` is what the machine had when it was accepted, ``stamp_ns`` that of the measurement.
     """
 
     command: Command
@@ -65,6 +65,7 @@ class Order:
     accepted_s: float
     before: Command
     source: str
+    stamp_ns: int
 
 
 class _Write(NamedTuple):
@@ -111,7 +112,7 @@ class Gateway:
         self._stamp_ns: int | None = None
         self._published_s = -inf
         self._under_way: Order | None = None
-        self._waiting: tuple[Command, int, str, Signature] | None = None
+        self._waiting: tuple[Command, int, int, str, Signature] | None = None
         self._sent: list[Command] = []  # what may have reached the machine and was not seen to be in force yet
         self._seen: Command | None = None  # in force at the last read so long after a command
         self._sent_cycle = 0
@@ -223,15 +224,15 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = self._waiting, (command, counter, source, signature)
+            overtaken, self._waiting = self._waiting, (command, stamp_ns, counter, source, signature)
             if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
                 self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
                 self._lose()
             return None
-        return self._order(command, counter, source, now_s)
+        return self._order(command, stamp_ns, counter, source, now_s)
 
-    def _order(self, command: Command, counter: int, source: str, now_s: float) -> Order | None:
+    def _order(self, command: Command, stamp_ns: int, counter: int, source: str, now_s: float) -> Order | None:
         """Let a command be written, cut to one move where it may catch up; else refuse it."""
         has = self._may_have()
         jump = self._jump(command, has)
@@ -247,7 +248,7 @@ class Gateway:
         nodes = self._machine.nodes
         force = nodes["force_setpoint"].number(command.force_kn)
         speed = nodes["speed_setpoint"].number(command.speed_rpm)
-        self._under_way = Order(command, force, speed, counter, now_s, has[0], source)
+        self._under_way = Order(command, force, speed, counter, now_s, has[0], source, stamp_ns)
         self._sent.append(command)
         self._sent_cycle = self._cycle
         return self._under_way
@@ -340,16 +341,16 @@ class Gateway:
             self._lose()
         else:
             self.written += 1
-            self.fence.take(order.source)
+            self.fence.take(order.source, order.stamp_ns)
             self._sent = [order.command]
             self._writes = [_Write(order, self._cycle, acknowledged=True)]
             self._lost = 0
         waiting, self._waiting = self._waiting, None
         if waiting is None:
             return None
-        command, counter, source, signature = waiting
+        command, stamp_ns, counter, source, signature = waiting
         reason, words = self._refused(signature, source, now_s)  # a safe stop may have begun meanwhile
         if reason:
             self.gate.refuse(reason, words)
             return None
-        return self._order(command, counter, source, now_s)
+        return self._order(command, stamp_ns, counter, source, now_s)

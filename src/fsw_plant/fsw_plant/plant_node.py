@@ -195,7 +195,7 @@ class PlantNode(ManagedNode):
         else:
             refusal = self._plant.apply(convert.command(message), stamp_ns, message.source, message.healthy)
         if not refusal:
-            self._fence.take(message.source)
+            self._fence.take(message.source, stamp_ns)
         else:
             self._writers.note_refused(message.leader)
             self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)

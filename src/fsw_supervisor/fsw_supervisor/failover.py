@@ -110,6 +110,12 @@ class Failover:
         return self.role is Role.ACTIVE and confirmed and self.term > 0
 
     @property
+    def last_decided_ns(self) -> int:
+        """Stamp of the measurement that the last command answers which was sent here or by the leader before."""
+        last = self._arbiter.ticks.last
+        return 0 if last is None else last.stamp_ns
+
+    @property
     def unanswered(self) -> int:
         """Ticks in a row before the present one that nobody has answered."""
         return 0 if self.actuator is None else self.actuator.unanswered

@@ -172,7 +172,7 @@ class Leader:
         for decision in self.failover.pass_on(decisions, self.now_s):
             self.sent.append(decision)
             if self.fence is not None and self.fence.check(self.failover.signature, decision.source) == ("", ""):
-                self.fence.take(decision.source)
+                self.fence.take(decision.source, decision.stamp_ns)
 
     def run(self, seconds: float) -> Leader:
         """Let time pass, and wake it when it wants to be woken."""

@@ -49,6 +49,21 @@ def test_a_mode_is_confirmed_by_the_report_after_its_first_command(asked, mode):
 
 
 @pytest.mark.requirement("S38")
+def test_reports_from_before_the_last_mode_confirm_nothing(asked):
+    """They were under way for so long that they show the mode of before, which is asked for again."""
+    leader, before = asked.leader, asked.leader.fence.state
+    asked.mode(Mode.HOLD)
+    asked.measure(2)
+    waiting = asked.mode(Mode.AUTO)
+    for _ in range(5):
+        leader.failover.on_actuator(before, leader.now_s)
+        asked.confirmations.on_report()
+    assert waiting.ok is None and before.source == "decentral"
+    asked.measure(2)
+    assert waiting.ok is True
+
+
+@pytest.mark.requirement("S38")
 def test_a_stop_in_a_pause_of_the_measurements_is_not_confirmed_and_stays(asked):
     waiting = asked.mode(Mode.SAFE_STOP)
     asked.leader.run(CONFIRM_S + 0.1)
@@ -91,7 +106,7 @@ def test_a_leader_that_was_deposed_confirms_no_mode(asked, mode):
     waiting = asked.mode(mode)
     fence = asked.leader.fence
     fence.check(Signature(9, "other", fence.register.value), "nmpc")
-    fence.take("nmpc")
+    fence.take("nmpc", asked.leader.stamp_ns)
     asked.measure(2)
     assert waiting.ok is False
 

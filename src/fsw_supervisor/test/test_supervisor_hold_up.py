@@ -15,7 +15,7 @@ def take_over(fence, times=1):
     for _ in range(times):
         term = fence.state.term + 1
         assert fence.check(Signature(term, "other", fence.register.value), "nmpc") == ("", "")
-        fence.take("nmpc")
+        fence.take("nmpc", 0)
 
 
 @pytest.mark.requirement("S9", "S12")

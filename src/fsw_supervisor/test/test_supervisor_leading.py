@@ -16,7 +16,7 @@ HELD = Command(80.0, 410.0)
 def answer(standby, source="nmpc", command=HELD, signature=OTHER):
     """Let another leader answer the present tick, heard by the actuator end and by the standby."""
     if standby.fence.check(signature, source) == ("", ""):
-        standby.fence.take(source)
+        standby.fence.take(source, standby.stamp_ns)
     standby.failover.on_command(signature, standby.stamp_ns, source, command)
 
 
@@ -72,7 +72,7 @@ def test_a_fresh_supervisor_learns_a_safe_stop_from_the_actuator_end(make_leader
 def test_a_safe_stop_that_was_acknowledged_but_not_left_outlasts_a_restart(make_leader):
     leader = make_leader()
     leader.fence.register.merge(Stop(8, False, StopCause.OPERATOR, "anna"))
-    leader.fence.take("safe_stop")
+    leader.fence.take("safe_stop", leader.stamp_ns)
     leader.run(2 * LISTEN_S).tick(5)
     assert {decision.source for decision in leader.sent} == {"safe_stop"}
     assert leader.arbiter.machine.acknowledged
@@ -339,7 +339,7 @@ def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives
 @pytest.mark.requirement("S25")
 @pytest.mark.parametrize("source", ["decentral", "safe_stop"])
 def test_after_the_actuator_ends_own_ramp_a_safe_stop_does_not_raise_the_force(leader, source):
-    leader.fence.take(source)
+    leader.fence.take(source, leader.stamp_ns)
     leader.fence.stop(StopCause.WATCHDOG, leader.stamp_ns)
     leader.drives = Command(70.0, 410.0)
     leader.tick()

@@ -94,7 +94,7 @@ class World:
             assert abs(decision.command.force_kn - self.acting.force_kn) <= 1.0 + 1e-9
             self.accepted[decision.stamp_ns] = decision.source
             self.acting, self.source = decision.command, decision.source
-            self.fence.take(decision.source)
+            self.fence.take(decision.source, decision.stamp_ns)
             self.taken.append(signature.term)
         else:
             self.refused += 1

@@ -112,7 +112,7 @@ class PlantEnd(ActuatorEnd):
         if not refused:
             before, self.applied = self.applied, SETTINGS.limits.clip(command, None)
             self.watchdog.feed()
-            self.fence.take(source)
+            self.fence.take(source, stamp_ns)
             late = round(((self._stamp_ns or stamp_ns) - stamp_ns) / TICK_NS)
             rules.acts(signature, stamp_ns, source, command, before, self.world.now_s, late)
             rules.in_force(source)

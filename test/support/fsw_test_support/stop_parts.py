@@ -86,7 +86,7 @@ def receive(end: End, message: Message) -> tuple[End, End | None]:
     refused = _end(fence)
     if reason:
         return refused, None
-    fence.take(message.source)
+    fence.take(message.source, 0)
     return refused, _end(fence)
 
 
@@ -179,7 +179,8 @@ class Rebuilt:
         self.waiting = None
         if before.asked is not None:
             machine.register.value = before.asked
-            self.waiting = Confirmations(failover, 0.0).of_stop(0.0)
+            self.confirmations = Confirmations(failover, 0.0)
+            self.waiting = self.confirmations.of_stop(0.0)
         machine.register.value = before.value
         machine.reported = before.value if before.agrees else Stop(-1)
         if not before.fresh:
@@ -227,8 +228,8 @@ def hear_report(before: Supervisor, state: ActuatorState) -> tuple[Supervisor, b
     if rebuilt.waiting is None:
         return rebuilt.value(), False
     heard = rebuilt.machine.register.value
-    answered = rebuilt.waiting.effect(state)
-    if answered:
+    rebuilt.confirmations.on_report()
+    if rebuilt.waiting.ok:
         return rebuilt.value(asked=None), True
     own = rebuilt.machine.register.value
     return (rebuilt.value(asked=own) if own != heard else rebuilt.value()), False
