@@ -284,6 +284,23 @@ class Weld(Spinner):
         if number == signal.SIGKILL:
             self.launcher.children[name].process.wait()
 
+    def kill_the_plant(self):
+        """Kill it while it has force and speed of a fresh one; else its restart is a move by itself: a safe stop."""
+
+        def has_those_of_a_fresh_one():
+            self.signal("plant", signal.SIGSTOP)
+            if self.lockstep:  # else a tick may stay without an answer
+                self.until(lambda: convert.stamp_ns(self.truths[-1].header.stamp) in self.commands, "the last command")
+            force, speed = (abs(a - b) for a, b in zip(self.applied, (weld.FORCE_KN, weld.SPEED_RPM), strict=True))
+            if force < 0.3 * MOVE_KN and speed < 0.3 * MOVE_RPM:
+                return True
+            self.signal("plant", signal.SIGCONT)
+            self.ticks(5)
+            return False
+
+        self.until(has_those_of_a_fresh_one, "force and speed of a fresh plant")
+        self.signal("plant", signal.SIGKILL)
+
     def new_time(self, first):
         """Number of the first truth of a time that began anew, from ``first`` on; None while there is none."""
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in self.truths[first - 1 :]]

@@ -34,7 +34,7 @@ def test_the_plant_is_stopped_and_continued(weld, table):
 @pytest.mark.real_time
 def test_the_plant_is_killed_and_started_again(weld, table):
     weld.restore()
-    weld.signal("plant", signal.SIGKILL)
+    weld.kill_the_plant()
     first = len(weld.truths)
     weld.start("plant")
     weld.until(lambda: len(weld.truths) > first, what="the next measurement")
@@ -78,7 +78,7 @@ def test_a_sensor_fails(steps, table, sensor, kind):
 
 def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
     steps.restore()
-    steps.signal("plant", signal.SIGKILL)
+    steps.kill_the_plant()
     known = len(steps.truths)
     steps.start("plant")
     steps.until(lambda: steps.new_time(known), what="a time that begins anew")

@@ -236,7 +236,7 @@ def main() -> int:
         each = args.transitions / len(machines)
         short = (f"all of {args.depth} of {len(FEW)} letters", short_sequences(args.depth), machine)
         rows = [run(*short)] if args.depth else []
-        rows += [run(f"random, {LENGTH} letters", random_walks(args.seed, machine), machine, each)] if each else []
+        rows += [run(f"random, from seed {args.seed}", random_walks(args.seed, machine), machine, each)] if each else []
         broken += sum(len(row["broken"]) for row in rows)
         for row in rows if args.json else ():
             results_page.save(row, args.json, ("machine", "kind"))
