@@ -15,7 +15,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,8 @@ REACTIONS = RESULTS.with_name("reaction_times.json")
 #: values beyond it are not those of a weld: the model has left the range in which it holds
 _MODEL_HOLDS = {"mm": 10.0, "°C": 1083.0, "kN": 200.0, "N·m": 5000.0}
 TESTS = ("src/*/test", "test", "runtime/*/test")
-KINDS = ("passed", "failed", "skipped")
+#: ``left out``: not chosen by the arguments
+KINDS = ("passed", "failed", "skipped", "left out")
 HEAD = """# Safety requirements and their tests
 
 The requirements of [the safety case](safety.md), from `docs/concepts/safety.yaml`, each with the tests that are marked
@@ -109,12 +110,12 @@ def _last_run(results: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict(counts: Mapping[str, int]) -> str:
-    """One word or two for a requirement; a skipped test shows nothing."""
+    """One word or two for a requirement; a test that was skipped or left out shows nothing."""
     if counts.get("failed"):
         return "failed"
     if not counts.get("passed"):
         return "skipped" if counts.get("skipped") else "not run"
-    return "passed in part" if counts.get("skipped") else "passed"
+    return "passed in part" if counts.get("skipped") or counts.get("left out") else "passed"
 
 
 def load_results() -> tuple[Mapping[str, Any], Mapping[str, Any]]:
@@ -142,30 +143,28 @@ def with_tables(
 
 def reaction_table(reactions: Mapping[str, Any]) -> str:
     """Measured times as Markdown."""
-    lines = ["| fault | limit | reaction | by | process safety time | peak with / without reaction |"]
-    lines.append("|---|---|---:|---|---:|---:|")
+    lines = ["| hazard | fault | limit | reaction | by | process safety time | peak with / without reaction |"]
+    lines.append("|---|---|---|---:|---|---:|---:|")
     for row in reactions["rows"]:
         limit = row["limit"].split(" ", 1)
         times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
         by = re.split(r" is trip|: ", row["by"])[0] or "**no reaction**"
         peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
-        cells = [row["fault"], limit[1], times[0], by, times[1], peaks]
+        cells = [row["hazard"], row["fault"], limit[1], times[0], by, times[1], peaks]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, "", _coverage(reactions["rows"])])
 
 
-def _coverage(rows: Iterable[Mapping[str, Any]]) -> str:
-    """How many faults end well, in words."""
-    never = float("inf")
-    times = [
-        tuple(never if row[key] is None else row[key] for key in ("reaction_s", "process_safety_s")) for row in rows
-    ]
-    in_time = sum(reaction_s <= safety_s for reaction_s, safety_s in times if reaction_s < never)
-    late = sum(safety_s < reaction_s < never for reaction_s, safety_s in times)
+def _coverage(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How many faults end well, in words: of those that pass a limit if nothing reacts."""
+    dangerous = [row for row in rows if row["process_safety_s"] is not None]
+    inside = sum(row["reaction_s"] is not None and row["beyond_s"] == 0.0 for row in dangerous)
+    stopped = sum(row["reaction_s"] is not None for row in dangerous)
     return (
-        f"Of {len(times)} faults, {in_time} lead to a safe stop before a limit is passed, {late} to one after it"
-        f" and {len(times) - in_time - late} to none: a coverage of {100 * in_time // len(times)} % in time,"
-        f" {100 * (in_time + late) // len(times)} % at all."
+        f"Of {len(rows)} faults, {len(dangerous)} pass a limit within 120 s if nothing reacts. Of these, {inside} stay"
+        f" inside it, {stopped - inside} are stopped after it was passed, {len(dangerous) - stopped} not at all:"
+        f" a coverage of {100 * inside // len(dangerous)} % inside the limit, of"
+        f" {100 * stopped // len(dangerous)} % at all."
     )
 
 
@@ -184,11 +183,19 @@ class _Outcomes:
         for item in items:
             self._of[item.nodeid] = [str(one) for mark in item.iter_markers("requirement") for one in mark.args]
 
+    def pytest_deselected(self, items: list[Any]) -> None:
+        for item in items:
+            marked = {str(one) for mark in item.iter_markers("requirement") for one in mark.args}
+            self._count(marked, "left out")
+
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.when == "call" or report.outcome != "passed":
-            for one in set(self._of.get(report.nodeid, ())):
-                counts = self.counts.setdefault(one, dict.fromkeys(KINDS, 0))
-                counts[report.outcome] += 1
+            self._count(set(self._of.get(report.nodeid, ())), report.outcome)
+
+    def _count(self, requirements: Iterable[str], kind: str) -> None:
+        for one in requirements:
+            counts = self.counts.setdefault(one, dict.fromkeys(KINDS, 0))
+            counts[kind] += 1
 
 
 def publish(arguments: list[str]) -> int:

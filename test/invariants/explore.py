@@ -21,6 +21,12 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
+if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
+    from _bootstrap import ensure
+
+    ensure(dev=True, extras=["machine"])
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from fsw_control.units import NANOSECONDS
@@ -89,7 +95,7 @@ _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by sin
     _registry registry operator _operator watch in_force _in_force start_up answered decision _counters ticks paused
     invalid written failed cut last_failure steps config
     strict stamps _frozen silent_ticks _begun_tick _mode_tick time_ns mode_since_ns step_s
-    _origin_ns _periods manual _measured_s"""
+    _origin_ns _periods manual _measured_s _answered_ns"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
 _WHETHER = frozenset(["inhibited", "problem", "failure", "fault_excused_reason", "refusal"])
@@ -127,11 +133,11 @@ def state(cell: Cell) -> int:
     # While nothing is measured the clock may jump.
     shift_ns = 0 if gateway is None else gateway.stamps.shift_ns
     own += ((cell.clock_ns + shift_ns - cell.stamp_ns) / NANOSECONDS,)
-    now = (cell.now_s, cell.stamp_ns, machine.tick, machine.time_ns)
+    now = (cell.now_s, cell.stamp_ns, machine.tick, machine.time_ns, machine.register.value.epoch)
     return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
 
-_Now = tuple[float, int, int, int]
+_Now = tuple[float, int, int, int, int]
 
 
 class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
@@ -157,6 +163,8 @@ def _float(value: float, name: str, now: _Now) -> Any:
 
 
 def _int(value: int, name: str, now: _Now) -> int:
+    if name == "epoch":
+        return value - now[4]
     if name in _TICKS:
         return min(now[2] - value, _FORGOTTEN_TICKS)
     if name in _TIMES:

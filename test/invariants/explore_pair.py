@@ -19,6 +19,12 @@ from itertools import count, product
 from math import inf
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
+    from _bootstrap import ensure
+
+    ensure(dev=True, extras=["machine"])
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from fsw_test_support import pair_rules, results_page
@@ -58,6 +64,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 _WEIGHTS = {"time": 30, "request": 8, "restore": 8, "press": 2, "link": 8, "isolate": 2, "network": 4, "process": 14}
 _WEIGHTS |= {"cause": 2, "clock": 1, "wish": 2}
+_MORE_DISTURBED = {"link": 20, "process": 28, "isolate": 5}
 _END_WEIGHTS = {"plant": _WEIGHTS, "gateway": _WEIGHTS | {"plc": 5}}
 LETTERS = tuple(dict.fromkeys(letter for group in GROUPS.values() for letter in group))
 #: letters in a walk
@@ -106,9 +113,11 @@ def walk(
     return world, None
 
 
-def letters_of(seed: int, machine: str = "plant", length: int = LENGTH) -> tuple[str, ...]:
-    """The letters of a random walk."""
-    chance, weights = random.Random(seed), _END_WEIGHTS[machine]
+def letters_of(seed: int, machine: str = "plant") -> tuple[str, ...]:
+    """The letters of a random walk; every other one is twice as long, with more of links and processes."""
+    chance, weights, length = random.Random(seed), _END_WEIGHTS[machine], LENGTH
+    if seed % 2 == 0:
+        weights, length = weights | _MORE_DISTURBED, 2 * LENGTH
     groups = chance.choices(list(weights), list(weights.values()), k=length)
     return tuple(chance.choice(GROUPS[name]) for name in groups)
 
@@ -188,7 +197,8 @@ def invariants() -> list[str]:
     """The invariants and the fault model as ``pair_rules.py`` states them, in Markdown."""
     _, mark, text = (pair_rules.__doc__ or "").partition("I1  ")
     text = (mark + text).replace("``CAUSE_S``", f"{pair_rules.CAUSE_S:g} s").replace("``HEAL_S``", f"{HEAL_S:g} s")
-    text = text.replace("``ANSWER_S``", f"{pair_rules.ANSWER_S:g} s").replace("``SWAPS``", f"{pair_rules.SWAPS}")
+    text = text.replace("``ANSWER_S``", f"{pair_rules.ANSWER_S:g} s")
+    text = text.replace("``SWITCH_S``", f"{pair_rules.SWITCH_S:g} s").replace("``SWAPS``", f"{pair_rules.SWAPS}")
     text = text.replace("``SWAPS_S``", f"{pair_rules.SWAPS_S:g} s")
     return re.sub(r"^(I\d)  ", r"- **\1** ", text, flags=re.MULTILINE).replace("\n    ", "\n  ").splitlines()
 

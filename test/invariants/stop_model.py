@@ -22,6 +22,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
+    from _bootstrap import ensure
+
+    ensure(dev=True, extras=["machine"])
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from fsw_control.fence import ActuatorState

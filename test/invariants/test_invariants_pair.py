@@ -50,13 +50,15 @@ def test_no_short_sequence_breaks_an_invariant(machine):
         ("ms 30", "freeze b", "kill a", "start a", "run 1", "freeze a", "ms 70", "run 2", "run 5", "run 12"),
         ("freeze b", "press", "isolate end", "run 12", "run 5"),
         ("wish 84", "link cut end b", "run 5", "freeze a", "network dup", "run 2"),
+        ("wish 84", "run 5", "link cut a b", "ask safe_stop a", "run 12", "kill a", "run 3"),
+        ("run 5", "link cut a b", "wish 84", "run 5", "kill a", "run 3"),
         ("ms 30", "network late", "freeze a", "run 3", "isolate end", "run 6", "run 12", "network lossy", "run 1"),
     ],
 )
 def test_counter_examples_of_earlier_versions(letters):
     """A stop in a pause, terms that restart, both killed, the watchdog's ramp, a partition, a fresh supervisor.
 
-    Commands that do not arrive, a backlog after the plant's ramp, a standby that has missed measurements.
+    Commands that do not arrive, a backlog after the plant's ramp, a standby that has missed measurements or commands.
     """
     _, error = walk(letters)
     assert error is None

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from fsw_control.units import NANOSECONDS
+
 #: largest epoch that a message can carry; it cannot be acknowledged, so that a stop always wins
 LAST_EPOCH = 2**32 - 1
+#: largest epoch that is a time [s]: the year 2065; a clock that is further ahead leaves epochs for what follows
+_LAST_TIME = 3_000_000_000
 
 
 class StopCause(IntEnum):
@@ -31,7 +35,8 @@ class Stop:
     epoch, so the greater of two values is the one that was made knowing the other, or the safer one.
     """
 
-    epoch: int = 0  #: number of changes since the parts were started; 0: there has been no stop
+    #: 0: there has been no stop; else at least the time of the stop in seconds, and larger with each change
+    epoch: int = 0
     stopped: bool = False  #: a safe stop is in force; False: there was none, or the last one is acknowledged
     cause: StopCause = StopCause.NONE  #: of the last safe stop
     who: str = ""  #: made the change: an operator, an interlock, ``plant``
@@ -64,8 +69,13 @@ class StopRegister:
         self.merge(self.next_stop(cause, who, since_ns))
 
     def next_stop(self, cause: StopCause, who: str, since_ns: int) -> Stop:
-        """The value of a safe stop that would begin now."""
-        return Stop(min(self.value.epoch + 1, LAST_EPOCH), True, cause, who, since_ns)
+        """The value of a safe stop that would begin now.
+
+        Its epoch is at least its time in seconds: an acknowledgement of an earlier weld, which a part has kept that
+        outlived the others, does not cover it.
+        """
+        epoch = max(self.value.epoch + 1, min(since_ns // NANOSECONDS, _LAST_TIME))
+        return Stop(min(epoch, LAST_EPOCH), True, cause, who, since_ns)
 
     def acknowledge(self, who: str, since_ns: int) -> None:
         """End the safe stop that this copy knows."""

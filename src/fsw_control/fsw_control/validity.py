@@ -192,9 +192,14 @@ class SensorValidity:
         self._valid = False
         return Reading(math.nan, False, flaw)
 
+    @property
+    def steady(self) -> bool:
+        """Whether it has jumped and shows the same since, so that it may be readmitted."""
+        return self.jumped and self._agreeing >= self.limits.confirm_samples
+
     def readmit(self) -> bool:
         """Believe a sensor that has jumped, as acknowledged by the operator; returns whether it is steady enough."""
-        if not self.jumped or self._agreeing < self.limits.confirm_samples:
+        if not self.steady:
             return False
         self._accept(self._candidate_s, self._candidate)
         return True
@@ -264,6 +269,11 @@ class SensorGuard:
     def jumped(self) -> dict[str, float]:
         """Sensors that have jumped, with their last good value: invalid until they return or are readmitted."""
         return {name: sensor.last_good for name, sensor in self._sensors.items() if sensor.jumped}
+
+    @property
+    def steady(self) -> tuple[str, ...]:
+        """Sensors that have jumped and may be readmitted."""
+        return tuple(name for name, sensor in self._sensors.items() if sensor.steady)
 
     def readmit(self) -> dict[str, float]:
         """Believe the sensors that have jumped and are steady, as the operator acknowledges; with their values."""

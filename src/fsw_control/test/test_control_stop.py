@@ -68,6 +68,21 @@ def test_acknowledgement_of_one_stop_does_not_cover_another_of_its_epoch(second)
     assert fence.register.value.stopped and fence.register.value.epoch == 2
 
 
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("since_ns", [1_795_000_000 * 10**9, 2**62])
+def test_an_acknowledgement_of_an_earlier_weld_does_not_cover_a_stop(since_ns):
+    """A part that outlived the others has kept it."""
+    earlier, fence = StopRegister(), Fence()
+    for second in range(5):
+        earlier.stop(StopCause.OPERATOR, "anna", 1_794_000_000 * 10**9 + second)
+        earlier.acknowledge("anna", 0)
+    fence.stop(StopCause.WATCHDOG, since_ns)
+    fence.hear(earlier.value)
+    assert fence.register.stopped
+    fence.register.acknowledge("bert", since_ns)
+    assert not fence.register.stopped, "also with a clock that is far ahead"
+
+
 def test_the_last_epoch_is_a_stop_for_ever():
     register = StopRegister()
     register.merge(Stop(LAST_EPOCH - 1, True))
@@ -143,7 +158,7 @@ def test_a_stop_that_nobody_carries_out_is_overdue():
     assert not fence.overdue
 
 
-stamps = st.integers(0, 2**61)
+stamps = st.integers(0, (2**31 - 1) * 10**9)  # of a message
 
 
 @given(st.builds(ActuatorState, st.integers(0, 9), st.text(max_size=3), st.integers(0, 9), sources, stops, stamps))

@@ -33,7 +33,8 @@ class Confirmations:
     """
 
     def __init__(self, failover: Failover, lockstep_wait_s: float) -> None:
-        self._failover, self._wait_s = failover, max(CONFIRM_S, lockstep_wait_s)
+        self._failover = failover
+        self.wait_s = max(CONFIRM_S, lockstep_wait_s)  #: time within which an effect must be reported
         self._waiting: list[Confirmation] = []
         self._asked = Stop()  # the safe stop of this supervisor's last request, which covers those before
 
@@ -80,7 +81,7 @@ class Confirmations:
         return lambda state: self._failover.leads and state.answered_ns > last
 
     def _add(self, effect: Callable[[ActuatorState], bool], now_s: float) -> Confirmation:
-        waiting = Confirmation(effect, now_s + self._wait_s)
+        waiting = Confirmation(effect, now_s + self.wait_s)
         self._waiting.append(waiting)
         return waiting
 

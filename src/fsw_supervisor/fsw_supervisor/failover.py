@@ -150,6 +150,9 @@ class Failover:
             self._step_down("another supervisor leads")
         elif self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s):
             self.role = Role.STANDBY
+        if self.role is not Role.ACTIVE and state.answered_ns > self.last_decided_ns:
+            # The command that acts has not been heard here: the drives show what is in force.
+            self._arbiter.in_force.forget()
 
     def on_stop(self, stop: Stop) -> None:
         """Take another part's copy of the stop register."""

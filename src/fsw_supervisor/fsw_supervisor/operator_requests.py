@@ -95,7 +95,7 @@ class OperatorRequests:
         if mode not in OPERATOR_TRIGGERS:
             return False, f"refused: unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
         wanted = Mode(mode)
-        if wanted is not Mode.SAFE_STOP and (why_stop := self._why_stop()):
+        if wanted is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
             return False, f"refused: {why_stop}"
         if wanted is not Mode.SAFE_STOP and machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
             return False, "refused: acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
@@ -130,23 +130,15 @@ class OperatorRequests:
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return False, "refused: there is no safe stop to acknowledge"
-        self.safety.readmit(who)
-        if why_stop := self._why_stop():
+        if why_stop := self.safety.why_stop(acknowledged=True):
             message = f"refused: {why_stop}"
             self.machine.log(Level.WARN, who, f"acknowledge: {message}")
             return False, message
         if self.machine.reported not in (None, self.machine.register.value):
             return False, "refused: the machine has not confirmed the safe stop yet; ask again"
+        self.safety.readmit(who)
         self.machine.acknowledge(who)
         return True, "acknowledged; now request a mode"
-
-    def _why_stop(self) -> str:
-        """Why the mode must be, or must stay, a safe stop; empty when it need not."""
-        if self.safety.tripped:
-            return f"the cause is still present: {self.safety.causes}"
-        if self.machine.mode is Mode.SAFE_STOP and self.safety.blind:
-            return f"{self.safety.blind}, so it is unknown whether the cause is gone"
-        return ""
 
     def serve(self, now_s: float) -> None:
         """Make the requested swap, if possible; to be called between two ticks."""

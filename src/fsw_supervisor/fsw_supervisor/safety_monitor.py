@@ -9,10 +9,10 @@ Causes of a safe stop act by level. There are three kinds, which share a list of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from typing import Any
 
 from fsw_control import weld
@@ -191,14 +191,34 @@ class SafetyMonitor:
     @property
     def causes(self) -> str:
         """The tripped interlocks with the values at which they tripped, in words."""
-        return "; ".join((self._causes | self._standing)[name] for name in self.tripped)
+        return self._words(self.tripped)
+
+    def _words(self, tripped: Iterable[str]) -> str:
+        return "; ".join((self._causes | self._standing)[name] for name in tripped)
+
+    def why_stop(self, acknowledged: bool = False) -> str:
+        """Why a safe stop must begin or last, in words; empty when it need not.
+
+        With ``acknowledged``, as if sensors that have jumped and are steady were readmitted.
+        """
+        steady = self._guard.steady if acknowledged else ()
+        tripped = [name for name in self.tripped if name not in {f"{sensor}_jump" for sensor in steady}]
+        if tripped:
+            return f"the cause is still present: {self._words(tripped)}"
+        blind = self._blind(steady)
+        stopped = self._machine.mode is Mode.SAFE_STOP
+        return f"{blind}, so it is unknown whether the cause is gone" if stopped and blind else ""
 
     @property
     def blind(self) -> str:
         """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
+        return self._blind()
+
+    def _blind(self, but: tuple[str, ...] = ()) -> str:
         if not self._judged:
             return "nothing has been measured yet"
-        return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in self.invalid_sensors)
+        invalid = (name for name in self.invalid_sensors if name not in but)
+        return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in invalid)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
@@ -230,7 +250,7 @@ class SafetyMonitor:
             "depth_residual_mm": residuals.depth_mm,
             "temperature_residual_c": residuals.temperature_c,
         }
-        rejected = {_VALUE[name]: value for name, value in tick.samples.items() if reasons[name] and isfinite(value)}
+        rejected = {_VALUE[name]: value for name, value in tick.samples.items() if reasons[name] and not isnan(value)}
         if "torque_nm" in rejected:
             rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm))
         self.watch(known, measurement.held, rejected, self._since_judged_s())
@@ -278,7 +298,8 @@ class SafetyMonitor:
     ) -> None:
         """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
-        ``rejected`` are samples that are not valid: one beyond a trip counts as such, any other changes nothing.
+        ``rejected`` are samples that are not valid: one beyond a trip, infinity too, counts as such, any other changes
+        nothing.
 
         A level takes effect when the values of the last ``interlocks.persistence_s``, two at least, were each at that
         level or worse: a spike does not trip. A trip is gone after as long without it. Values of sensors that are
@@ -287,7 +308,7 @@ class SafetyMonitor:
         """
         for item in self._interlocks:
             value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
-            if isfinite(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
+            if not isnan(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
                 self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)

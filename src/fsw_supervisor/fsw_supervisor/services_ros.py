@@ -18,7 +18,7 @@ from fsw_control.references_ros import ON_STANDBY
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.confirmation import CONFIRM_S, Confirmation, Confirmations
+from fsw_supervisor.confirmation import Confirmation, Confirmations
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
@@ -130,4 +130,4 @@ class OperatorServices:
             return True, message
         if not await self._leads():
             return ON_STANDBY
-        return False, f"requested, but not confirmed by the machine within {CONFIRM_S:g} s ({message})"
+        return False, f"requested, but not confirmed by the machine within {self._confirmations.wait_s:g} s ({message})"

@@ -20,7 +20,7 @@ from fsw_supervisor.confirmation import Confirmation, Confirmations
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
-from fsw_test_support.pair_rules import Request
+from fsw_test_support.pair_rules import SWITCH_S, Request
 from fsw_test_support.pair_settings import HOME, NAMES, SETTINGS, VALUES
 from fsw_test_support.supervisor_pair import SUPERVISORS, Process, World
 
@@ -220,7 +220,7 @@ class Supervisor(Holder):
         operator, now_s, kind = self.arbiter.operator, self.world.now_s, request.kind
         if kind == "switch":
             name = NAMES[self.arbiter.machine.active == NAMES[0]]
-            switch = operator.ask_switch(name, False, 0.5, "operator", now_s)
+            switch = operator.ask_switch(name, False, SWITCH_S, "operator", now_s)
             self._take(request, name)
             switch.on_done = partial(self._switched, request, switch)
             if switch.done:

@@ -127,7 +127,7 @@ class _Arbiter:
 
     def __init__(self) -> None:
         self.machine = Machine(SETTINGS)
-        self.safety = SimpleNamespace(readmit=lambda who: None, tripped=False, blind="")
+        self.safety = SimpleNamespace(readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: "")
         self.registry = SimpleNamespace(get=lambda name: None)
         self.ticks = SimpleNamespace(
             leading=False, last=None, present=SimpleNamespace(stamp_ns=0, answered=False), now_s=0.0

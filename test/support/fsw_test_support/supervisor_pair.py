@@ -272,6 +272,8 @@ class World:
         part.begin()
         self.rules.note_death()
         for other in self.parts.values():
+            if name == "end" and self._is_holder_near(other):
+                part.on_stop(other.register.value)  # it has listened before it begins
             if other.alive and other is not part:
                 self.at(self.now_s + _DISCOVERY_S, other, "greet", (name,))
 
@@ -287,7 +289,17 @@ class World:
         if any(item.register.value < newest for item in self.supervisors if item.alive):
             return False
         return newest == Stop() or any(
-            item.register.value == newest and not item.frozen and (item.name, "end") not in self.links for item in live
+            item.register.value == newest for item in self.parts.values() if self._is_holder_near(item)
+        )
+
+    def _is_holder_near(self, part: Any) -> bool:
+        """Whether a part's copy of the register reaches the actuator end at once."""
+        return (
+            part.name != "end"
+            and part.alive
+            and part.register
+            and (part.name, "end") not in self.links
+            and not part.frozen
         )
 
     def _do_ask(self, kind: str, name: str) -> None:

@@ -405,7 +405,9 @@ class Rules:
             # After a pause a push may be taken off the set-points once, or after it has ended in a gap: what drives
             # report cannot tell. A gateway then refuses the command.
             near.append(cell.in_force._replace(force_kn=cell.in_force.force_kn - _PUSH_KN))
-        if all(refusal(one.command, SETTINGS.limits, before) for before in near):
+        # Of commands that do not arrive, only the actuator end can tell a fresh supervisor: see supervisor_pair.py.
+        arrives = cell.gateway is not None or cell.delivering
+        if arrives and all(refusal(one.command, SETTINGS.limits, before) for before in near):
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
         if self.cause and one.source != "safe_stop":
             self._broken("a cause leads to the safe state", f"the command is of {one.source}")
@@ -458,8 +460,9 @@ class Rules:
         if mode is Mode.SAFE_STOP and before is not mode:
             self.to_acknowledge |= self._stopped
             blind = before is Mode.MANUAL and was_blind_for_long
-            timed_out = before in (Mode.HOLD, Mode.START) or blind or self._told
-            expected = timed_out or self._reacted or self._asked_for == mode
+            timed_out = before in (Mode.HOLD, Mode.START) or blind
+            resumed = self._told or (self._new and self._source == mode)
+            expected = timed_out or resumed or self._reacted or self._asked_for == mode
             if not (expected or self._perhaps >= _LASTING_TICKS):
                 self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
 
