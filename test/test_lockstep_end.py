@@ -38,7 +38,8 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain, PATIENCE_S) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         player = graph.start(launcher)
-        launcher.wait_until(lambda: player.status().get("tick", 0) >= 30, PATIENCE_S, "thirty ticks")
+        # many more than must be recorded: on a busy machine the recorder is behind when it is ended
+        launcher.wait_until(lambda: player.status().get("tick", 0) >= 300, PATIENCE_S, "so many ticks")
         for child in launcher.children.values():
             for sign in signs:
                 child.process.send_signal(sign)

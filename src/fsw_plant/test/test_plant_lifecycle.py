@@ -56,7 +56,7 @@ def test_it_ticks_while_active_and_is_safe_when_deactivated(graph, capfd):
     assert peer.got["truth"][-1].axial_force < 66e3
     peer.answer = lambda _, stamp: peer.command(stamp, force_kn=65.0, source="safe_stop")
     graph.until(lambda: peer.got["truth"][-1].watchdog == 0)
-    peer.stop, peer.answer = Stop(2, False), answer(graph)
+    peer.stop, peer.answer = Stop(plant._fence.register.value.epoch + 1, False), answer(graph)
     graph.until(lambda: peer.got["truth"][-1].axial_force > 79e3)
     assert "watchdog: no valid command" not in capfd.readouterr().err.split("deactivated")[0]
     assert change(Transition.TRANSITION_DEACTIVATE) and change(Transition.TRANSITION_CLEANUP)
