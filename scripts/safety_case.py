@@ -229,5 +229,5 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent))
     from _bootstrap import ensure
 
-    ensure(dev=True, extras=["fmu", "machine", "hmi", "canister", "quality"])
+    ensure(dev=True, extras=["fmu", "machine", "hmi", "canister", "quality", "campaign", "build", "science", "gym"])
     sys.exit(publish(sys.argv[2:]))
