@@ -75,6 +75,7 @@ def test_counter_examples_of_earlier_versions(letters):
             *("network dup", "press", "run 5", "ask acknowledge a", "ms 30", "run 5", "freeze a", "isolate b"),
             *("ask acknowledge a", "press", "ms 30"),
         ),
+        ("plc mute", "run 12", "run 5", "ms 30", "kill end", "ask acknowledge a", "ask auto a"),
         (
             *("isolate a", "ms 30", "link dup end b", "run 5", "ask hold b", "network swap", "run 1"),
             *("ask auto b", "run 2"),

@@ -55,7 +55,7 @@ class Arbiter:
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
         self.watch = CommandWatch()  #: tells own commands from foreign ones
         self.in_force = CommandInForce()  #: the command that the drives follow
-        self._had_source = self._end_restarted = False  #: a command acted, and the actuator end knows none any more
+        self._had_leader = self._end_restarted = False  #: the actuator end followed a leader, and knows none any more
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
         #: the present tick and counts of those before
         self.ticks = Ticks(
@@ -172,8 +172,8 @@ class Arbiter:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
         self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= LOST_COMMANDS
-        self._end_restarted |= self._had_source and not (state.source or state.stop.stopped)
-        self._had_source = bool(state.source)
+        self._end_restarted |= self._had_leader and not (state.leader or state.stop.stopped)
+        self._had_leader = bool(state.leader)
         self.on_stop(state.stop)
         self.on_source(state.source)
         self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
