@@ -55,7 +55,8 @@ class Arbiter:
         self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
         self.watch = CommandWatch()  #: tells own commands from foreign ones
         self.in_force = CommandInForce()  #: the command that the drives follow
-        self._had_leader = self._end_restarted = False  #: the actuator end followed a leader, and knows none any more
+        self._knew: tuple[bool, bool] = (False, False)  #: whether the actuator end knew a leader, and what acts
+        self._end_restarted = False  #: it does not any more
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
         #: the present tick and counts of those before
         self.ticks = Ticks(
@@ -172,8 +173,9 @@ class Arbiter:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
         self.machine.reported = state.stop
         self.ticks.moved_itself, self.ticks.unheard = not state.source, state.unanswered >= LOST_COMMANDS
-        self._end_restarted |= self._had_leader and not (state.leader or state.stop.stopped)
-        self._had_leader = bool(state.leader)
+        knows = bool(state.leader), bool(state.source)
+        self._end_restarted |= knows < self._knew and not state.stop.stopped
+        self._knew = knows
         self.on_stop(state.stop)
         self.on_source(state.source)
         self._start_up.on_status(state.source, self.registry.get(state.source) is not None)

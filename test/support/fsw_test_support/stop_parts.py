@@ -132,7 +132,7 @@ class _Arbiter:
         self.ticks = SimpleNamespace(
             leading=False, last=None, present=SimpleNamespace(stamp_ns=0, answered=False), now_s=0.0
         )
-        self._had_leader = self._end_restarted = False
+        self._knew, self._end_restarted = (False, False), False
         self.in_force = SimpleNamespace(on_sent=lambda command: None)
         self._start_up = SimpleNamespace(on_status=lambda name, selected: None)
 
