@@ -41,6 +41,9 @@ _HERE = Path(__file__).resolve().parent
 sys.path[:] = [*(path for path in sys.path if Path(path).resolve() != _HERE), str(_HERE)]
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
+#: extras that the tests need; those of the second line are not there in the oldest supported versions
+TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "quality")
+NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
 
 def with_genuine_ros():

@@ -177,25 +177,29 @@ class _Outcomes:
 
     def __init__(self) -> None:
         self.counts: dict[str, dict[str, int]] = {}
-        self._of: dict[str, list[str]] = {}
+        self._of: dict[str, set[str]] = {}
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
         for item in items:
-            self._of[item.nodeid] = [str(one) for mark in item.iter_markers("requirement") for one in mark.args]
+            self._of[item.nodeid] = _requirements(item)
 
     def pytest_deselected(self, items: list[Any]) -> None:
         for item in items:
-            marked = {str(one) for mark in item.iter_markers("requirement") for one in mark.args}
-            self._count(marked, "left out")
+            self._count(_requirements(item), "left out")
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.when == "call" or report.outcome != "passed":
-            self._count(set(self._of.get(report.nodeid, ())), report.outcome)
+            self._count(self._of.get(report.nodeid, set()), report.outcome)
 
     def _count(self, requirements: Iterable[str], kind: str) -> None:
-        for one in requirements:
-            counts = self.counts.setdefault(one, dict.fromkeys(KINDS, 0))
+        for requirement in requirements:
+            counts = self.counts.setdefault(requirement, dict.fromkeys(KINDS, 0))
             counts[kind] += 1
+
+
+def _requirements(item: Any) -> set[str]:
+    """The requirements that a test is marked with."""
+    return {str(name) for mark in item.iter_markers("requirement") for name in mark.args}
 
 
 def publish(arguments: list[str]) -> int:
@@ -227,7 +231,7 @@ if __name__ == "__main__":
     if sys.argv[1:2] != ["--publish"]:
         sys.exit(__doc__)
     sys.path.insert(0, str(Path(__file__).parent))
-    from _bootstrap import ensure
+    from _bootstrap import NEWER_TEST_EXTRAS, TEST_EXTRAS, ensure
 
-    ensure(dev=True, extras=["fmu", "machine", "hmi", "canister", "quality", "campaign", "build", "science", "gym"])
+    ensure(dev=True, extras=(*TEST_EXTRAS, *NEWER_TEST_EXTRAS))
     sys.exit(publish(sys.argv[2:]))

@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 
-from _bootstrap import WORKSPACE, ensure
+from _bootstrap import NEWER_TEST_EXTRAS, TEST_EXTRAS, WORKSPACE, ensure
 
 OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for three. The tests of a file stay together:
@@ -40,9 +40,8 @@ OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
-EXTRAS = ["fmu", "machine", "hmi", "canister", "quality"]
-NOT_OLDEST = [] if OLDEST in sys.argv else ["campaign", "build", "science", "gym"]
-ensure(dev=True, oldest=OLDEST in sys.argv, extras=[*EXTRAS, *NOT_OLDEST])
+extras = TEST_EXTRAS if OLDEST in sys.argv else (*TEST_EXTRAS, *NEWER_TEST_EXTRAS)
+ensure(dev=True, oldest=OLDEST in sys.argv, extras=extras)
 
 
 def run(title: str, *command: str) -> int:

@@ -182,8 +182,6 @@ class WeldPlayer:
             self._shown.append((stamp_ns, value))
         self._follow(sensor, stamp_ns, value)
         if sensor == "depth" and self._ready is not None and not self.finished:
-            # The plant goes on when this arrives, and a request that was sent before acts in its next tick.
-            self._requests.wait_for_all_acked(_DELIVERY)
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
@@ -229,6 +227,8 @@ class WeldPlayer:
             _, controller = self._switches.popleft()
             self._deviations.ask(controller, self.time.tick)
             self._requests.publish(String(data=controller))
+            if self._ready is not None:  # the plant takes its next step after that: the request must be there first
+                self._requests.wait_for_all_acked(_DELIVERY)
         if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
             self._reported = self.time.tick
             self._report(False)

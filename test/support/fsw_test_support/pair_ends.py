@@ -179,7 +179,7 @@ class GatewayEnd(ActuatorEnd):
     def begin(self) -> None:
         """Begin as a fresh process, and connect."""
         self.gateway, self.tracker = new_gateway(), CycleTracker(TICK_S)
-        self._sent: dict[int, tuple[Signature, int]] = {}  # by the counter of the cycle that is answered
+        self._sent: dict[int, Signature] = {}  # by the stamp of the measurement that is answered
         self._has_written = False  #: so this process knows what was in force
         self._restart(self.gateway.fence)
         if self.life == 0:
@@ -235,9 +235,8 @@ class GatewayEnd(ActuatorEnd):
         gateway, now_s = self.gateway, self.world.now_s
         answered_ns = gateway.gate.last_stamp_ns
         order = gateway.on_command(command, stamp_ns, source, True, now_s, signature)
-        counter = gateway._counters.get(stamp_ns)
-        if counter is not None and gateway.gate.last_stamp_ns != answered_ns:
-            self._sent[counter] = signature, stamp_ns
+        if gateway.gate.last_stamp_ns != answered_ns:
+            self._sent[stamp_ns] = signature
         self.look()
         if order is not None:
             self._write(order)
@@ -249,7 +248,7 @@ class GatewayEnd(ActuatorEnd):
             self._write(waiting)
 
     def _write(self, order: Order) -> None:
-        signature, stamp_ns = self._sent.pop(order.heartbeat)
+        signature, stamp_ns = self._sent.pop(order.stamp_ns), order.stamp_ns
         before, now_s = self.machine.plc.in_force, self.world.now_s
         self._has_written = True
         self.world.rules.acts(signature, stamp_ns, order.source, order.command, before, now_s)
