@@ -105,13 +105,9 @@ class Arbiter:
             self._compare(stamp_ns, feedback)
         repeated = self.in_force.on_drives(stamp_ns, feedback)
         self.ticks.on_stamp("drives", stamp_ns, feedback.force_kn, now_s)
-        decisions = self.ticks.decide()
-        last = self.ticks.last
-        if repeated and self.lockstep and self.ticks.leading and last is not None and last.stamp_ns == stamp_ns:
-            # The plant sends its tick again because the answer did not reach it.
-            decisions.append(last)
-            self.watch.sent(last)
-        return decisions
+        if repeated and self.lockstep:
+            self.ticks.repeat(stamp_ns)
+        return self.ticks.decide()
 
     def _compare(self, stamp_ns: int, feedback: Command) -> None:
         """Begin a safe stop if the drives are not where the last command has put them, by more than a move.
@@ -239,7 +235,8 @@ class Arbiter:
         # The last decision may not have been obeyed: the command in force comes from the leader or the drives.
         self.in_force.forget()
         if (tick := self.ticks.present) is not None:
-            tick.answered, tick.previous = True, None
+            # In lockstep a tick that nobody has been heard to answer may stand: it is decided here, too.
+            tick.answered, tick.previous = tick.answered or not self.lockstep, None
         self.operator.drop(f"refused: {reason}")
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 

@@ -223,6 +223,16 @@ class Ticks:
         self._arbitration.watch.sent(decision)
         self._arbitration.operator.on_applied(decision.source)
 
+    def repeat(self, stamp_ns: int) -> None:
+        """In lockstep the plant sends its tick again, because no answer has reached it, whoever has sent one."""
+        tick, last = self.present, self.last
+        if self.leading and last is not None and last.stamp_ns == stamp_ns:
+            self._outbox.append(last)
+            self._arbitration.watch.sent(last)
+        elif not self.leading and tick is not None and tick.stamp_ns == stamp_ns:
+            # The leader died when its answer was here, but not there.
+            tick.answered = False
+
     def take_back(self, unsent: list[Decision]) -> None:
         """Count commands as lost that were decided and must not be sent any more."""
         self._outbox.clear()

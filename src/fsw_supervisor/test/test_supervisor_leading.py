@@ -326,6 +326,44 @@ def test_in_lockstep_the_first_unanswered_tick_is_taken_over(make_leader):
 
 
 @pytest.mark.requirement("S9")
+def test_in_lockstep_an_answer_that_reached_the_standby_alone_is_given_again(make_leader):
+    """Of a leader that was killed between the one and the other: the plant sends its tick again."""
+    standby = make_leader(standby=True, lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0)
+    for _ in range(3):
+        standby.measure()
+        standby.run(0.05)
+        answer(standby)
+    standby.measure()
+    standby.run(0.05)
+    standby.failover.on_command(OTHER, standby.stamp_ns, "nmpc", HELD)
+    standby.run(3.0)
+    assert standby.failover.role is Role.STANDBY, "as far as it knows the tick is answered"
+    standby.call(standby.arbiter.on_drives(standby.stamp_ns, standby.drives, standby.now_s))
+    standby.run(3.0)
+    assert standby.failover.role is Role.ACTIVE
+    assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
+
+
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("first", [None, "depth"])
+def test_in_lockstep_the_tick_that_stood_when_a_leader_was_killed_is_answered(make_leader, first):
+    """Whatever of its measurement comes first: a sample, or the report which names the leader that is dead."""
+    fresh = make_leader(lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0)
+    fresh.fence.check(OTHER, "nmpc")
+    fresh.fence.take("nmpc", fresh.stamp_ns)
+    fresh.run(2 * LISTEN_S)
+    assert fresh.failover.role is Role.ACTIVE
+    if first is not None:
+        fresh.call(fresh.arbiter.on_sample(first, fresh.stamp_ns + TICK_NS, 2.66, fresh.now_s))
+    fresh.measure()
+    assert fresh.failover.role is Role.STANDBY
+    fresh.run(3.0)
+    assert fresh.failover.role is Role.ACTIVE
+    assert [decision.stamp_ns for decision in fresh.sent] == [fresh.stamp_ns]
+    assert (fresh.fence.state.leader, fresh.fence.state.term) == ("m", 2)
+
+
+@pytest.mark.requirement("S9")
 def test_commands_that_do_not_arrive_for_three_ticks_begin_again_from_the_drives(leader, monkeypatch):
     """Not one move further per lost command: the first that arrives would be a jump."""
     monkeypatch.setattr(leader.fence, "check", lambda signature, source: ("lost", ""))
