@@ -118,15 +118,8 @@ class ScenarioNode(Node):
         return self.count_publishers(f"{self.resolve_topic_name(ACTION)}/_action/status") < 2
 
     def _on_answer(self, future: Future) -> None:
-        handle: Any = future.result()
-        if not handle.accepted:
+        if not future.result().accepted:  # type: ignore[union-attr]
             self._ended = Outcome(FAILED, "another weld is under way")
-            return
-        handle.get_result_async().add_done_callback(self._on_result)
-
-    def _on_result(self, future: Future) -> None:
-        answer: Any = future.result()
-        self._ended = Outcome(answer.result.verdict, answer.result.message)
 
     def _end_process(self, outcome: Outcome) -> None:
         """End the process, with an exit code after a failure."""
@@ -217,6 +210,8 @@ class ScenarioNode(Node):
         assert weld is not None
         outcome = await self._over
         self.weld = self._goal = None
+        if self._start is not None:  # known here, whenever the result of the own goal arrives
+            self._ended = outcome
         if outcome.verdict == State.DONE:
             handle.succeed()
         elif outcome.verdict == State.ABORTED and handle.is_cancel_requested:

@@ -19,6 +19,7 @@ from fsw_scenario.held_for import HeldFor
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
+from fsw_scenario.weld_player_ros import Outcome
 from fsw_schema.models import InputError
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
@@ -84,6 +85,16 @@ def test_a_scenario_without_phases_refuses_to_be_held(verb):
     finally:
         graph.end()
     assert (refused.success, refused.message[:20]) == (False, "quick has no phases,")
+
+
+def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(graph, monkeypatch):
+    graph.tick()
+    player = graph.player
+    player._began_s -= 3600.0
+    monkeypatch.setattr(ScenarioNode, "_on_result", lambda *_: None, raising=False)  # it never arrives
+    player._over.set_result(Outcome("done", "played to its end"))
+    graph.until(lambda: player._ended is not None, "the end")
+    assert player._ended == Outcome("done", "played to its end")
 
 
 @pytest.mark.parametrize("first", ["", "hold"])
