@@ -174,7 +174,8 @@ class Arbiter:
         self._knew = knows
         self.on_stop(state.stop)
         self.on_source(state.source)
-        self._start_up.on_status(state.source, self.registry.get(state.source) is not None)
+        # Of a controller whose topics have not been found yet, too: a restart waits some ticks for it.
+        self._start_up.on_status(state.source, state.source not in ("", *RESERVED))
 
     def on_stop(self, stop: Stop) -> None:
         """Take another copy of the stop register; an acknowledgement covers sensors that have jumped, here as there."""

@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.fence import ActuatorState
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -34,6 +35,27 @@ def test_a_restart_goes_on_with_the_controller_that_was_active(make_rig):
     assert arbiter.machine.target == "nmpc"
     assert "nmpc was active before" in arbiter.machine.reason
     assert out[-1].command.force_kn == pytest.approx(83.2)
+
+
+@pytest.mark.requirement("S9")
+def test_a_restart_waits_for_the_controller_that_acts_and_has_not_been_found_yet(make_rig):
+    """Discovery of its topics may take longer than that of the configured one's."""
+    rig = make_rig()
+    rig.drives = Command(83.0, 420.0)
+    arbiter, tick, sources = rig.arbiter, rig.stamp_ns, []
+    for count in range(6):
+        tick += SECOND_NS // 10
+        now_s = 100.0 + 0.1 * count
+        arbiter.on_actuator(ActuatorState(1, "before", min(count, 3), "nmpc", answered_ns=rig.stamp_ns))
+        out = arbiter.on_drives(tick, rig.drives, now_s)
+        for sensor, value in rig.values.items():
+            out += arbiter.on_sample(sensor, tick, value, now_s)
+        for other in ("decentral", "nmpc")[: 1 + (count > 3)]:
+            out += arbiter.on_proposal(other, ProposalInput(tick, other, Command(83.2, 420.0)), now_s + 0.004)
+            out += arbiter.on_status(other, (), False, now_s + 0.005)
+        out += arbiter.on_time(now_s + 0.08)
+        sources += [decision.source for decision in out]
+    assert set(sources) == {"hold", "nmpc"} and sources[-1] == "nmpc"
 
 
 @pytest.mark.requirement("S12")
