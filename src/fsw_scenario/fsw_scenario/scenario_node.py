@@ -118,7 +118,8 @@ class ScenarioNode(Node):
         return self.count_publishers(f"{self.resolve_topic_name(ACTION)}/_action/status") < 2
 
     def _on_answer(self, future: Future) -> None:
-        if not future.result().accepted:  # type: ignore[union-attr]
+        handle: Any = future.result()
+        if not handle.accepted:
             self._ended = Outcome(FAILED, "another weld is under way")
 
     def _end_process(self, outcome: Outcome) -> None:

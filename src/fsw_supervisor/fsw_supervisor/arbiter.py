@@ -18,7 +18,6 @@ the drives' actual values.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,7 +27,7 @@ from fsw_control.fence import LOST_COMMANDS, ActuatorState
 from fsw_control.stop import Stop, StopCause
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
-from fsw_supervisor.controller_registry import NAME, RESERVED, ControllerRegistry
+from fsw_supervisor.controller_registry import ControllerRegistry, may_be_controller
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
@@ -175,7 +174,7 @@ class Arbiter:
         self.on_stop(state.stop)
         self.on_source(state.source)
         # Of a controller whose topics have not been found yet, too: a restart waits some ticks for it.
-        self._start_up.on_status(state.source, state.source not in ("", *RESERVED))
+        self._start_up.on_status(state.source, may_be_controller(state.source))
 
     def on_stop(self, stop: Stop) -> None:
         """Take another copy of the stop register; an acknowledgement covers sensors that have jumped, here as there."""
@@ -256,5 +255,5 @@ def problem(values: Mapping[str, Any]) -> str | None:
     except ValueError as error:
         return str(error)
     names = (values["controller"], *values["fallbacks"])
-    wrong = [name for name in names if name in RESERVED or not re.fullmatch(NAME, name)]
+    wrong = [name for name in names if not may_be_controller(name)]
     return f"controller, fallbacks: {wrong[0]!r} cannot be the name of a controller" if wrong else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,11 @@ _KEPT_EARLY = 8
 _CAPACITY = 32
 #: latencies of one controller kept for statistics
 _KEPT_LATENCIES = 300
+
+
+def may_be_controller(name: str) -> bool:
+    """Whether a controller may have this name."""
+    return name not in RESERVED and re.fullmatch(NAME, name) is not None
 
 
 @dataclass(slots=True)
