@@ -66,7 +66,7 @@ DEFAULT = {"depth": ("nan", "dropout", "freeze", "spike", "delay"), "thermocoupl
 )
 def test_a_sensor_fails(steps, table, sensor, kind):
     first = steps.restore()
-    magnitude = {"spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 40.0}[sensor], "delay": 0.3}.get(kind, 0.0)
+    magnitude = {"spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 60.0}[sensor], "delay": 0.3}.get(kind, 0.0)
     duration_s = 1.0 if kind == "delay" else 3.0
     steps.call(steps.faults, SetFault.Request(sensor=sensor, kind=kind, magnitude=magnitude, duration=duration_s))
     steps.ticks(60)
