@@ -162,7 +162,8 @@ class Weld(Spinner):
         if name == "plant":
             settings.append(f"wait_for_subscribers:={1 if self.relayed else 3}")
             settings += ["clock:=simulated", "speed:=0.0"] if self.lockstep else []
-            settings += ["lockstep_timeout_s:=0.5"] if self.relayed else []  # after a tick of which all was lost
+            if self.relayed:  # after a tick of which all was lost; until the only supervisor of a busy machine is back
+                settings.append("lockstep_timeout_s:=0.5" if self.lockstep else "watchdog.hold_s:=60.0")
             remaps = [f"{topic}:=raw/{topic}" for topic in (*RELAYED, "fsw/command")] if self.relayed else []
         elif self.lockstep:
             settings.append("use_sim_time:=true")

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from fsw_control import messages_ros as convert
 from fsw_msgs.msg import DriveFeedback
 from fsw_msgs.srv import SetMode
 
@@ -129,4 +130,6 @@ def test_hold_asked_of_a_fresh_supervisor_is_in_force_when_it_is_answered(stoppe
     for name in weld.supervisors:
         weld.start(name)
     stopped.confirm("hold")
+    answered_ns = weld.node.get_clock().now().nanoseconds
+    weld.until(lambda: convert.stamp_ns(stopped.reports[-1].header.stamp) > answered_ns, "the next measurement")
     assert stopped.actuator.source == "hold" or stopped.actuator.stop.stopped
