@@ -290,7 +290,7 @@ class Weld(Spinner):
 
         def has_those_of_a_fresh_one():
             self.signal("plant", signal.SIGSTOP)
-            end_s = time.monotonic() + 3.0  # a tick of which only a part was sent has no answer
+            end_s = time.monotonic() + 3.0  # a tick is never answered if the signal has stopped its publication
             self.until(lambda: self.answered() or time.monotonic() > end_s)
             force, speed = (abs(a - b) for a, b in zip(self.applied, (weld.FORCE_KN, weld.SPEED_RPM), strict=True))
             if self.answered() and force < 0.3 * MOVE_KN and speed < 0.3 * MOVE_RPM:
