@@ -1,9 +1,10 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` in the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
-Where there is no C compiler for the controllers, or no npm for the page, one is installed as a wheel, too. When all is
-done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second
-environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
+``ensure()`` makes ``.venv`` in the workspace, installs the pinned locks into it (wheels only) and goes on inside it.
+ROS 2 comes as wheels, too, and this project's messages are built for it (``_interfaces.py``). Where there is no C
+compiler for the controllers, or no npm for the page, one is installed as a wheel. When all is done already it only
+takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment
+(``.venv-ros``) sees the system's packages, and that ROS 2 is used.
 """
 
 import os
@@ -26,6 +27,7 @@ import fcntl
 import hashlib
 import importlib
 import itertools
+import platform
 import shutil
 import subprocess
 import sys
@@ -34,12 +36,23 @@ from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 SOURCES = WORKSPACE / "src"
-RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
+#: interface packages that the wheels of ROS 2 lack
+INTERFACES = (SOURCES / "fsw_msgs", SOURCES / "fsw_recorder" / "interfaces" / "rosbag2_interfaces")
 OLDEST = (3, 11)
+DEFINITIONS = (".msg", ".srv", ".action")
+#: lock of the wheels of ROS 2
+ROS = "ros"
+#: pure Python, for which its authors offer no wheel
+SOURCE_ONLY = "empy"
+#: first and last Python that there are wheels of ROS 2 for, and the oldest glibc
+ROS_PYTHONS = ((3, 10), (3, 14))
+ROS_GLIBC = (2, 28)
 # This folder is searched last, because fsw.py and others here are named as packages are.
 _HERE = Path(__file__).resolve().parent
 sys.path[:] = [*(path for path in sys.path if Path(path).resolve() != _HERE), str(_HERE)]
-# with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
+#: set by the wheels of ROS 2 when they have set LD_LIBRARY_PATH, for which they start the interpreter again
+_WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+# with a sourced ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
 #: extras that the tests need; those of the second line are not there in the oldest supported versions
 TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "quality")
@@ -49,6 +62,29 @@ NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 def with_genuine_ros():
     """Whether a genuine ROS 2 is sourced in this shell."""
     return bool(os.environ.get("ROS_DISTRO") and os.environ.get("AMENT_PREFIX_PATH"))
+
+
+def why_no_middleware():
+    """Why neither a ROS 2 is sourced nor its wheels can be used here, and the remedy; empty if one of them can.
+
+    Without it welds run in one process.
+    """
+    import _interfaces  # from this folder, which is in the search path now
+
+    if with_genuine_ros():
+        return ""
+    libc, version = platform.libc_ver()
+    old = libc != "glibc" or tuple(map(int, version.split(".")[:2])) < ROS_GLIBC
+    if (sys.platform, platform.machine()) != ("linux", "x86_64") or old:
+        return f"the wheels of ROS 2 are for Linux on x86-64 with glibc {ROS_GLIBC[0]}.{ROS_GLIBC[1]}: source a ROS 2"
+    if not ROS_PYTHONS[0] <= sys.version_info[:2] <= ROS_PYTHONS[1]:
+        first, last = (f"{major}.{minor}" for major, minor in ROS_PYTHONS)
+        return f"the wheels of ROS 2 are for Python {first} to {last}: use one of these, or source a ROS 2"
+    if _interfaces.compiler() is None:
+        return "a C++ compiler is missing (Debian, Ubuntu: apt install g++)"
+    if not (_interfaces.python_headers() / "Python.h").exists():
+        return "Python's headers are missing (Debian, Ubuntu: apt install python3-dev)"
+    return ""
 
 
 def ensure(dev=False, oldest=False, extras=()):
@@ -72,6 +108,9 @@ def ensure(dev=False, oldest=False, extras=()):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
+    reason = why_no_middleware()
+    if not with_genuine_ros() and not reason:
+        names = (names[0], f"{ROS}.lock", *names[1:])
     names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
@@ -89,6 +128,8 @@ def ensure(dev=False, oldest=False, extras=()):
             with open(home.with_suffix(".lock"), "w") as turn:
                 fcntl.flock(turn, fcntl.LOCK_EX)  # several nodes may be started at once on a fresh machine
                 if not _is_ready(home, locks):
+                    if reason:
+                        print(f"[set-up] no ROS 2: {reason}; welds run in one process", file=sys.stderr)
                     _make(home, locks)
         except (OSError, subprocess.CalledProcessError) as error:
             advice = "[set-up] run this once as a user who may write there"
@@ -104,6 +145,7 @@ def ensure(dev=False, oldest=False, extras=()):
 def _go_on(home):
     """Run this script again, by the interpreter of an environment."""
     python = str(_python(home))
+    os.environ.pop(_WHEELS_READY, None)  # of another environment
     if INTERRUPTIBLE:  # it waits until the next interpreter is here
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.execv(python, [python, *sys.argv])
@@ -153,19 +195,18 @@ def _made_with(home):
 
 def _stamp(lock):
     """What must be equal for an installed lock to be still right."""
-    text = f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()
-    # The stubs are made of these.
-    sources = [*RUNTIME.glob("rosidl_embedded/*.py"), RUNTIME / "pyproject.toml", *SOURCES.glob("*/msg/*.msg")]
-    sources += [*SOURCES.glob("*/srv/*.srv"), *SOURCES.glob("*/action/*.action")]
-    return hashlib.sha256(b"\0".join([text.encode(), *(path.read_bytes() for path in sorted(sources))])).hexdigest()
+    parts = [f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()]
+    if lock.stem == ROS:
+        sources = [path for folder in INTERFACES for path in folder.glob("*/*") if path.suffix in DEFINITIONS]
+        sources.append(_HERE / "_interfaces.py")
+        parts += [path.read_text() for path in sorted(sources)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
 def _search_path():
-    """A .pth file: the source folders that the environment imports from and, without ROS 2, the import of messages."""
+    """A .pth file: the source folders that the environment imports from."""
     lines = sorted(str(path.parent) for path in SOURCES.glob("*/package.xml"))
     lines += [str(WORKSPACE / "studies"), str(WORKSPACE / "test" / "support")]
-    if not with_genuine_ros():
-        lines += [str(RUNTIME), "import rosidl_embedded"]
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -190,13 +231,28 @@ def _make(home, locks):
         names = _packages(lock)
         print(f"[set-up] installing {len(names)} packages of {lock.name} (once)", file=sys.stderr, flush=True)
         pip = [str(_python(home)), "-m", "pip", "--disable-pip-version-check", "install", "--only-binary", ":all:"]
-        _run_with_progress([*pip, *names], lock.name)
+        _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
     for site in (home / "lib").glob("python3*/site-packages"):
         (site / "fsw_workspace.pth").write_text(_search_path())
-    if not with_genuine_ros():
-        subprocess.run([_python(home), "-m", "rosidl_embedded.stubs", SOURCES], check=True)
+    if any(lock.stem == ROS for lock in locks[old:]):
+        _build_interfaces(home)
     for lock in locks:
         (home / f"{lock.stem}.installed").write_text(_stamp(lock))
+
+
+def _build_interfaces(home):
+    """Build the messages that the wheels of ROS 2 lack, all packages at once."""
+    print(f"[set-up] building {len(INTERFACES)} message packages (once)", file=sys.stderr, end="", flush=True)
+    environment = {name: value for name, value in os.environ.items() if name != _WHEELS_READY}
+    command = [str(_python(home)), str(_HERE / "_interfaces.py")]
+    running = [
+        subprocess.Popen([*command, str(folder)], stdout=sys.stderr, stderr=subprocess.PIPE, text=True, env=environment)
+        for folder in INTERFACES
+    ]
+    failed = [process.communicate()[1] for process in running]
+    print("", file=sys.stderr)
+    if any(process.returncode for process in running):
+        sys.exit("".join(failed) + "[set-up] could not build the messages")
 
 
 def _packages(lock):
