@@ -1,9 +1,12 @@
-"""Definition, hash and class of an interface, on ROS 2 and on the embedded runtime."""
+"""Definition, hash and class of an interface that is installed here."""
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -37,39 +40,33 @@ def interface_hash(type_name: str) -> str:
 def message_class(type_name: str) -> Any:
     """Message class of a type; a `BagError` when it is not installed."""
     try:
-        from rosidl_runtime_py.utilities import get_message
-    except ImportError:
-        from rosidl_embedded.typesupport import get_message
-    try:
-        return get_message(type_name)
-    except (ImportError, AttributeError, ValueError, LookupError) as error:
+        package, kind, name = type_name.split("/")
+        return getattr(import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError, ValueError) as error:
         raise BagError(f"its type {type_name} is not installed here: {error}") from None
 
 
 def _definition(type_name: str) -> str | None:
-    for source in (_installed_definition, _embedded_definition):
-        try:
-            return source(type_name)
-        except Exception:  # an unknown type raises different errors; its messages are recorded without a definition
-            continue
-    return None
+    try:
+        return _installed_definition(type_name)
+    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
+        return None
 
 
-def _embedded_definition(type_name: str) -> str:
-    from rosidl_embedded.typesupport import interface_definition as embedded
-
-    return str(embedded(type_name))
+def _share(package: str) -> Path:
+    """Folder with the definitions of a package: in a sourced ROS 2, or beside the wheels in this environment."""
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    folders = [Path(prefix) / "share" / package for prefix in prefixes]
+    return next((folder for folder in folders if folder.is_dir()), folders[-1])
 
 
 def _installed_definition(type_name: str) -> str:
-    from ament_index_python.packages import get_package_share_directory
-
     package, *_, message = type_name.split("/")
     seen = {f"{package}/{message}"}
 
     def text_of(short_name: str) -> str:
         package, name = short_name.split("/")
-        text = (Path(get_package_share_directory(package)) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+        text = (_share(package) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
         for match in _FIELD.finditer(re.sub(r"#.*", "", text)):
             nested = match[1] if "/" in match[1] else f"{package}/{match[1]}"
             if match[1] not in _PRIMITIVES and nested not in seen:
