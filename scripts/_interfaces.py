@@ -191,7 +191,7 @@ def build_package(folder: Path, into: Path) -> None:
 def main() -> int:
     """Build the packages that the command line names; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="where to install (default: this environment)")
+    cli.add_argument("--prefix", type=Path, default=Path(sys.prefix), help="folder (default: this environment)")
     cli.add_argument("folders", type=Path, nargs="+", metavar="PACKAGE_FOLDER")
     arguments = cli.parse_args()
     for folder in arguments.folders:

@@ -50,7 +50,7 @@ def test_lines_are_counted_now_and_at_another_revision():
     assert ran.returncode == 0 and ran.stderr == ""
     rows = {words[0]: list(map(int, words[1:])) for words in map(str.split, ran.stdout.splitlines()[:-1])}
     assert all(now == before + more for now, before, more in rows.values())
-    assert {"src/fsw_control", "studies/canister", "runtime/rclpy_embedded"} <= rows.keys()
+    assert {"src/fsw_control", "studies/canister"} <= rows.keys()
     ran = run("count_lines", "no_such_revision")
     assert ran.returncode == 2 and "Traceback" not in ran.stderr
 
@@ -76,7 +76,7 @@ def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "_bootstrap.py").write_text((SCRIPTS / "_bootstrap.py").read_text())
     (tmp_path / "requirements").mkdir()
-    for name in (".venv.lock", ".venv-ros.lock", "runtime/rclpy_embedded"):
+    for name in (".venv.lock", ".venv-ros.lock"):
         (tmp_path / name).mkdir(parents=True)
     program = f"import sys; sys.path.insert(0, {str(tmp_path / 'scripts')!r}); import _bootstrap; _bootstrap.ensure()"
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False)

@@ -48,7 +48,7 @@ class _Call:
     due_s: float
     repeat: bool
     asked_s: float = 0.0
-    future: Future | None = None
+    future: Any = None  # rclpy.task.Future
     is_answered: bool = False
 
 
@@ -132,7 +132,7 @@ class Orders:
         future.add_done_callback(lambda done: self._on_response(call, done))
 
     def _on_response(self, call: _Call, future: Future) -> None:
-        if call.future is not future or future.cancelled():
+        if future is not call.future or future.cancelled():
             return
         error, call.future = future.exception(), None
         if error is not None:

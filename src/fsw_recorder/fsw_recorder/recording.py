@@ -16,7 +16,7 @@ from pathlib import Path
 from fsw_recorder.errors import BagError
 from fsw_schema.files import open_regular
 
-_DISTRIBUTIONS = ("fsw-control", "rclpy-embedded", "mcap", "numpy", "casadi", "cyclonedds", "rosbags")
+_DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "casadi", "rosbags")
 #: packages that decide what is commanded, with the suffixes of their sources
 _PACKAGES = ("fsw_control", "fsw_model", "fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_plant", "fsw_scenario")
 _SOURCES = (".py", ".yaml", ".c", ".h")

@@ -1,9 +1,8 @@
-"""Definitions and hashes of interfaces, with ROS 2, without it, and with only a part of it."""
+"""Definitions and hashes of interfaces, in a sourced ROS 2 and in the environment."""
 
 from __future__ import annotations
 
-import sys
-import types
+import os
 from pathlib import Path
 
 import pytest
@@ -13,26 +12,23 @@ from fsw_recorder.definitions import Definitions
 from fsw_recorder.interface_text import interface_definition, interface_hash
 
 
-def _install(monkeypatch: pytest.MonkeyPatch, shares: dict[str, Path]) -> None:
-    """Put an ``ament_index_python`` in place that knows these packages."""
-    packages = types.ModuleType("ament_index_python.packages")
-    packages.get_package_share_directory = lambda name: str(shares[name])  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "ament_index_python", types.ModuleType("ament_index_python"))
-    monkeypatch.setitem(sys.modules, "ament_index_python.packages", packages)
+@pytest.fixture(autouse=True)
+def _forget() -> None:
     for function in (interface_definition, interface_hash):
         function.cache_clear()
 
 
-def test_installed_interfaces_come_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "msg").mkdir()
-    (tmp_path / "msg" / "Depth.msg").write_text("float64 depth  # metres\n")
-    _install(monkeypatch, {"one_msgs": tmp_path})
-    assert "float64 depth" in interface_definition("one_msgs/msg/Depth")
+def test_sourced_interfaces_come_first(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = tmp_path / "share" / "fsw_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "ShoulderDepth.msg").write_text("float64 another_depth  # metres\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'nowhere'}{os.pathsep}{tmp_path}")
+    assert "float64 another_depth" in interface_definition("fsw_msgs/msg/ShoulderDepth")
 
 
-def test_index_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rosidl_embedded", reason="with genuine ROS 2 the package is there")
-    _install(monkeypatch, {})
+@pytest.mark.skipif("ROS_DISTRO" in os.environ, reason="a sourced ROS 2 sets the path")
+def test_definitions_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     assert "float64 depth" in interface_definition("fsw_msgs/msg/ShoulderDepth")
     assert interface_hash("fsw_msgs/msg/ShoulderDepth").startswith("RIHS01_")
 

@@ -1,1 +1,0 @@
-from rclpy.names import expand_topic_name as expand_topic_name

@@ -1,1 +1,0 @@
-"""Internals that user code sometimes imports by name."""

@@ -1,1 +1,0 @@
-from rclpy.event_handler import *  # noqa: F403

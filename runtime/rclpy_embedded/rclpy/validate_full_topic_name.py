@@ -1,1 +1,0 @@
-from rclpy.names import validate_full_topic_name as validate_full_topic_name

@@ -1,1 +1,0 @@
-from rclpy.names import validate_namespace as validate_namespace

@@ -1,1 +1,0 @@
-from rclpy.names import validate_parameter_name as validate_parameter_name
