@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -11,7 +12,8 @@ from pathlib import Path
 from fsw.command import command, option, switch
 from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
-from fsw.simulate_command import run_graph, write_results
+from fsw.side_by_side import run_side_by_side
+from fsw.simulate_command import write_results
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
@@ -108,29 +110,35 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     folder = new_folder(parsed.out, "demo")
     pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
     print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
+    welds = {scenario.name: _graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios}
+    at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
+    run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
     written: list[Path] = []
     for scenario in scenarios:
-        written += _weld(scenario, controllers, folder, parsed.realtime)
+        written += _results(scenario, welds[scenario.name], folder / scenario.name)
     print(f"done in {time.monotonic() - began:.0f} s; look at")
     for path in written:
         print(f"  {path}")
     return 0
 
 
-def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
-    """Run a scenario once with each controller in command; the others run along."""
-    place = folder / scenario.name
-    runs: list[Run] = []
-    bags: list[Path] = []
+def _graphs(
+    scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool
+) -> dict[str, WeldGraph]:
+    """The welds of a scenario by title: each controller commands once while the others run along."""
+    graphs = {}
     for title, variant in _variants(scenario, controllers).items():
-        own = place / title.replace(" ", "_")
         others = () if variant.open_loop else tuple(controllers)
-        graph = WeldGraph(variant, own, others, realtime, parameters=controllers)
-        run_graph(graph, f"{scenario.name}, {title}")
-        runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
-        bags.append(graph.bag)
+        own = folder / scenario.name / title.replace(" ", "_")
+        graphs[title] = WeldGraph(variant, own, others, realtime, parameters=controllers)
+    return graphs
+
+
+def _results(scenario: Scenario, graphs: dict[str, WeldGraph], place: Path) -> list[Path]:
+    """Print and write the figures of merit of the welds of a scenario; returns the files."""
+    runs = [Run(title, cut_to_scenario(load_weld(graph.bag))) for title, graph in graphs.items()]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")
-    return [*bags, *write_results(scenario, runs, place)]
+    return [*(graph.bag for graph in graphs.values()), *write_results(scenario, runs, place)]
 
 
 def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scenario]:

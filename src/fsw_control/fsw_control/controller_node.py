@@ -17,6 +17,7 @@ from fsw_control.attainable import attainable_of, out_of_reach
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
+from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
@@ -38,7 +39,7 @@ Make = Callable[[dict[str, Any]], Controller]
 _KNOWN_LOST_SHARE = 0.2
 
 
-class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
 
     A tick is consumed when it is complete, or when its deadline has passed. Time is that of the measurements: in

@@ -8,6 +8,8 @@ from typing import Any
 from rclpy.lifecycle import LifecycleNode, LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 
+from fsw_control.light_node_ros import LightNode
+
 #: how a node's entities are listed, and by what they are destroyed
 _ENTITIES = {
     "timers": "destroy_timer",
@@ -19,7 +21,7 @@ _ENTITIES = {
 }
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(LightNode, LifecycleNode):
     """Base of managed nodes. A subclass overrides what happens in its transitions and refuses one by an exception.
 
     Publishers, subscriptions, services, clients and timers that are made in :meth:`configure` or :meth:`activate` are

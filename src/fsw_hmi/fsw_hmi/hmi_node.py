@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
+from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.stop import StopCause, StopRegister
@@ -55,7 +56,7 @@ _SIMULATED_SILENCE = 10.0
 _SHOWN_PARTS, _KEPT_ACTIONS = 200, 50
 
 
-class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Serves the page in a thread of its own; everything that touches the graph happens in the executor's thread.
 
     Orders come over by a queue and a guard condition; frames go back by calls in the server's loop.

@@ -14,6 +14,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
+from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
@@ -34,7 +35,7 @@ _SILENT_S = 2.0
 _UNKNOWN = Command(nan, nan)
 
 
-class MonitorNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Joins the topics of a weld into ticks for :class:`~fsw_quality.monitor.Monitor`, and reports once a second.
 
     A plant may wait with its first tick for a number of subscribers of its sensors, meant are the controllers. So this

@@ -103,6 +103,8 @@ class RecorderNode(ManagedNode):
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
         self._failure_told = False
+        #: topics that have no publisher yet, and keep the others from being recorded
+        self._awaited = [self.resolve_topic_name(name) for name in self._values["wait_for_topics"]]
         self._stalls = Stalls(_REPORT_PERIOD_S, time.monotonic())
         self.writer = self._make_writer()
         try:
@@ -186,7 +188,12 @@ class RecorderNode(ManagedNode):
             self._report()
             rclpy.try_shutdown()
             return
-        for name, types in self.get_topic_names_and_types():
+        found = dict(self.get_topic_names_and_types())
+        if self._awaited and all(self.get_publishers_info_by_topic(name) for name in self._awaited):
+            self._awaited = []
+        for name, types in found.items():
+            if self._awaited and name not in self._awaited:
+                continue
             if name in self._left_out or not self._selection.takes(name):
                 self._tell_other_weld(name)
                 continue

@@ -121,6 +121,8 @@ class WeldGraph:
         if self.standby:
             nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
+            answers = [f"fsw/{name}/{topic}" for name in names for topic in ("proposal", "status")]
+            nodes["fsw_recorder"]["wait_for_topics"] = ["fsw/command", "fsw/supervisor/state", *answers]
             for name, values in nodes.items():
                 if name != "fsw_plant":
                     values["use_sim_time"] = True

@@ -20,6 +20,7 @@ from rclpy.task import Future
 
 from fsw_control import units
 from fsw_control.diagnostic_names import qualified
+from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load as load_parameters
@@ -46,7 +47,7 @@ _OWN_GOAL_S = 60.0
 ALONE_S = 0.5
 
 
-class ScenarioNode(Node):
+class ScenarioNode(LightNode, Node):
     """The player; ``source`` is a scenario in place of the parameter ``scenario``.
 
     A scenario given at start is a goal that the node sends to itself; when it is over the process ends. At most one

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import radians
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -23,6 +24,8 @@ from fsw_supervisor.state_machine import Mode
 
 #: between two reports of the progress
 TICKS_PER_REPORT = 10
+#: how long the end waits for subscribers that do not acknowledge the last message
+_DELIVERY = Duration(seconds=1.0)
 
 
 class SafeStop:
@@ -124,7 +127,8 @@ class ProgrammeServer:
         self._services = [_serve(node, name, ask) for name, ask in (("hold", self._hold), ("resume", self._resume))]
 
     def destroy(self) -> None:
-        """Leave the graph."""
+        """Leave the graph, once its last message, the end of the weld, has arrived."""
+        self._publisher.wait_for_all_acked(_DELIVERY)
         self._node.destroy_publisher(self._publisher)
         for service in self._services:
             self._node.destroy_service(service)

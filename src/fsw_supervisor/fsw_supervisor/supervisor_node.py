@@ -13,6 +13,7 @@ from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control.deadline_timer_ros import DeadlineTimer
+from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.ranges import beyond_trip
@@ -37,7 +38,7 @@ _HOUSEKEEPING_S = 0.2
 _REPORT_S = 1.0
 
 
-class SupervisorNode(Node):
+class SupervisorNode(LightNode, Node):
     """The only writer of ``fsw/command``, or the standby of the one that is.
 
     Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from the same

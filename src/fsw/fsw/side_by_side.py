@@ -1,0 +1,48 @@
+"""Runs several weld graphs at a time, each in a ROS domain of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+
+from fsw.progress import ProgressBar
+from fsw_control.free_domain import free_domain
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+
+
+class _Stopped(Exception):
+    """Another weld has failed, or the user has interrupted."""
+
+
+def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
+    """Run all welds to their ends; after a failure or Ctrl-C all are ended, and the first exception is raised.
+
+    A lockstep weld waits for messages half of the time, so that one weld for each core is about the fastest.
+    """
+    stop = threading.Event()
+    shares = [0.0] * len(graphs)
+
+    def run(position: int, graph: WeldGraph, bar: ProgressBar) -> None:
+        def progress(share: float) -> None:
+            if stop.is_set():
+                raise _Stopped
+            shares[position] = share
+            bar(sum(shares) / len(shares))
+
+        if stop.is_set():
+            raise _Stopped
+        with free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
+            graph.run(launcher, progress)
+
+    title = f"{len(graphs)} welds, {min(at_a_time, len(graphs))} at a time"
+    # threads that live until all have ended: the kernel ends the children of a thread that is gone
+    with ProgressBar(title) as bar, ThreadPoolExecutor(at_a_time) as pool:
+        futures = [pool.submit(run, position, graph, bar) for position, graph in enumerate(graphs)]
+        try:
+            for future in as_completed(futures):
+                future.result()
+        except BaseException:
+            stop.set()
+            raise
