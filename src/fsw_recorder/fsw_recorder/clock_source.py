@@ -11,6 +11,7 @@ from contextlib import suppress
 from typing import Literal
 
 from fsw_schema.models import Model
+from fsw_schema.processes import tool_environment
 
 #: how long a program may take to answer
 _PATIENCE_S = 2.0
@@ -106,7 +107,9 @@ def _kernel(timex: bytes | None) -> ClockState | None:
 
 def _run(command: Sequence[str]) -> str | None:
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
+        done = subprocess.run(
+            command, env=tool_environment(), capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+        )
     except (OSError, subprocess.SubprocessError, ValueError):
         return None
     return done.stdout if done.returncode == 0 else None
