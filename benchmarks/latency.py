@@ -1,144 +1,105 @@
-"""Publish-to-receive latency between two processes, in one run: rclpy_embedded, genuine rclpy, bare cyclonedds.
+#!/usr/bin/env python3
+"""Publish-to-receive latency between two processes: half of the round trip of a message, with the executor's part.
 
-Each ping carries its time of publication and is answered by the other process; what is reported is half of the round
-trip, so that both directions count alike and no clock has to be shared. Genuine rclpy is measured where ROS 2 is
-sourced.
+usage: latency.py [--quick] [--json FILE]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import statistics
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
-from report import parser
-from sides import BareParticipant, RclpyNode, Side, compare, output
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
 
-PAYLOADS = {"small": 64, "1mb": 1_000_000}
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure()
+
+from report import parser, save, show
+
+from fsw_control.free_domain import free_domain
+
+PAYLOADS = {"64 bytes": 64, "1 MB": 1_000_000}
+AIMS = {"64 bytes p99 [ms]": 1.0}
+PARTNER = "--partner"
 
 
-class Rclpy(RclpyNode):
-    """Ping-pong over rclpy."""
+class Peer:
+    """A node that sends on one topic and receives on another."""
 
-    def __init__(self, role: str) -> None:
-        super().__init__(f"latency_{role}")
-        out, into = ("ping", "pong") if role == "master" else ("pong", "ping")
+    def __init__(self, is_partner: bool) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import UInt8MultiArray
+
+        rclpy.init(args=[])
+        self.kind = UInt8MultiArray
+        self.node: Any = rclpy.create_node("partner" if is_partner else "master")
+        self.executor: Any = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        out, into = ("pong", "ping") if is_partner else ("ping", "pong")
         self.publisher = self.node.create_publisher(self.kind, out, 10)
-        self.got: list[Any] = []
-        callback = self.got.append if role == "master" else self.publisher.publish
+        self.received: list[Any] = []
+        callback = self.publisher.publish if is_partner else self.received.append
         self.node.create_subscription(self.kind, into, callback, 10)
 
-    def matched(self) -> bool:
-        """Return whether the other process is there, in both directions."""
-        return bool(self.publisher.get_subscription_count() and self.node.count_publishers("pong"))
+    def wait_for_partner(self) -> None:
+        """Wait until the other process is there, in both directions."""
+        end = time.monotonic() + 20.0
+        while not (self.publisher.get_subscription_count() and self.node.count_publishers("pong")):
+            if time.monotonic() > end:
+                sys.exit("latency: no partner process within 20 s")
+            time.sleep(0.02)
+        time.sleep(0.2)
 
-    def round_trip(self, message: Any) -> float:
-        """Send, wait for the answer, return the seconds it took."""
-        self.got.clear()
+    def round_trip_s(self, message: Any) -> float:
+        """Send, wait for the answer, return the seconds that it took."""
+        self.received.clear()
         start = time.perf_counter()
         self.publisher.publish(message)
-        while not self.got:
-            self.executor.spin_once(timeout_sec=1)
+        while not self.received:
+            self.executor.spin_once(timeout_sec=1.0)
         return time.perf_counter() - start
 
-    def serve(self) -> None:
-        """Answer until killed."""
-        self.executor.spin()
 
-
-class Bare(BareParticipant):
-    """Ping-pong over cyclonedds."""
-
-    def __init__(self, role: str) -> None:
-        super().__init__()
-        out, into = ("ping", "pong") if role == "master" else ("pong", "ping")
-        self._writer, self._reader = self.writer(out), self.reader(into)
-
-    def matched(self) -> bool:
-        """Return whether the other process is there, in both directions."""
-        return bool(self._writer.get_matched_subscriptions() and self._reader.get_matched_publications())
-
-    def _receive(self) -> Any:
-        while True:
-            samples = self._reader.take(1)
-            if samples:
-                return samples[0]
-            self.waitset.wait(10**9)
-
-    def round_trip(self, message: Any) -> float:
-        """Send, wait for the answer, return the seconds it took."""
-        start = time.perf_counter()
-        self._writer.write(message)
-        self._receive()
-        return time.perf_counter() - start
-
-    def serve(self) -> None:
-        """Answer until killed."""
-        while True:
-            self._writer.write(self._receive())
-
-
-SIDES: dict[str, Any] = {"rclpy_embedded": Rclpy, "genuine": Rclpy, "cyclonedds": Bare}
-
-
-def measure(side: Any, size: int, count: int) -> list[float]:
-    """Return `count` one-way latencies in milliseconds, after a warm-up."""
-    message = side.make(size)
-    for _ in range(min(50, count)):
-        side.round_trip(message)
-    return [side.round_trip(message) / 2 * 1e3 for _ in range(count)]
-
-
-def run_master(name: str, counts: dict[str, int]) -> None:
-    """Measure one side and print the result as JSON."""
-    side = SIDES[name]("master")
-    end = time.monotonic() + 20
-    while not side.matched():
-        if time.monotonic() > end:
-            sys.exit(f"latency: no partner process found for {name} within 20 s")
-        time.sleep(0.02)
-    time.sleep(0.2)
-    result: dict[str, float] = {}
+def measure(counts: dict[str, int]) -> dict[str, float]:
+    """Latencies by payload."""
+    began = time.perf_counter()
+    peer = Peer(is_partner=False)
+    figures = {"start of a node [s]": time.perf_counter() - began}
+    peer.wait_for_partner()
     for payload, count in counts.items():
-        values = sorted(measure(side, PAYLOADS[payload], count))
-        result[f"{payload}_p50_ms"] = statistics.median(values)
-        result[f"{payload}_p99_ms"] = values[min(len(values) - 1, int(0.99 * len(values)))]
-    print(json.dumps(result), flush=True)
-    os._exit(0)
-
-
-def run(name: str, side: Side, counts: dict[str, int]) -> dict[str, float]:
-    """Measure one side with two processes."""
-    python, environ = side
-    partner = subprocess.Popen([python, __file__, "--side", name, "--role", "partner"], env=environ)
-    try:
-        text = output(side, __file__, "--side", name, "--role", "master", "--counts", json.dumps(counts))
-    finally:
-        partner.kill()
-        partner.wait()
-    figures: dict[str, float] = json.loads(text)
+        message = peer.kind(data=bytes(PAYLOADS[payload]))
+        values = sorted(peer.round_trip_s(message) / 2 * 1e3 for _ in range(count))
+        figures[f"{payload} p50 [ms]"] = statistics.median(values)
+        figures[f"{payload} p99 [ms]"] = values[int(0.99 * len(values))]
+        figures[f"{payload} max [ms]"] = values[-1]
     return figures
 
 
 def main() -> None:
-    """Measure all sides; with the hidden arguments, be one of the two processes of a side."""
-    cli = parser(__doc__, "fewer samples")
-    cli.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
-    cli.add_argument("--role", choices=["master", "partner"], help=argparse.SUPPRESS)
-    cli.add_argument("--counts", type=json.loads, help=argparse.SUPPRESS)
-    arguments = cli.parse_args()
-    if arguments.role == "partner":
-        SIDES[arguments.side]("partner").serve()
-    elif arguments.role == "master":
-        run_master(arguments.side, arguments.counts)
-    else:
-        counts = {"small": 500, "1mb": 20} if arguments.quick else {"small": 5000, "1mb": 200}
-        compare(lambda name, side: run(name, side, counts), arguments.json)
+    """Measure with two processes, print a table, write JSON."""
+    if PARTNER in sys.argv:
+        Peer(is_partner=True).executor.spin()
+        return
+    arguments = parser(__doc__, "fewer samples").parse_args()
+    counts = {"64 bytes": 500, "1 MB": 20} if arguments.quick else {"64 bytes": 5000, "1 MB": 200}
+    with free_domain() as domain:
+        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        partner = subprocess.Popen([sys.executable, __file__, PARTNER])
+        try:
+            figures = measure(counts)
+        finally:
+            partner.kill()
+            partner.wait()
+    show(figures, AIMS)
+    save(figures, arguments.json)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,6 @@
 #!/usr/bin/env python3
 """A whole weld in real time, by default all 45 minutes of it: memory of every process, lost ticks, and the bag.
 
-Cyclone DDS fills its receive buffer of 1 MB page by page, which takes up to 40 minutes and looks like a leak. With
-CYCLONEDDS_URI='<CycloneDDS><Domain><Sizing><ReceiveBufferSize>192kB</ReceiveBufferSize></Sizing></Domain></CycloneDDS>'
-it is full at once.
-
 usage: soak.py [--quick] [--json FILE] [--out FOLDER]
 """
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Builds the wheels of rclpy-embedded and fsw-control and the source distributions, into out/dist.
+"""Builds the wheels of fsw-control and its source distribution, into out/dist.
 
 usage: build_wheels.py [--out FOLDER] [--host]
 
@@ -37,7 +37,6 @@ def main() -> int:
     cli.add_argument("--out", type=Path, default=WORKSPACE / "out" / "dist", help="folder (default out/dist)")
     cli.add_argument("--host", action="store_true", help="for this machine alone, with its own C compiler")
     arguments = cli.parse_args()
-    build(WORKSPACE / "runtime" / "rclpy_embedded", arguments.out, "--sdist", "--wheel")
     build(WORKSPACE, arguments.out, "--sdist")
     for platform in ("",) if arguments.host else PLATFORMS:
         build(WORKSPACE, arguments.out, "--wheel", platform=platform)

@@ -24,7 +24,7 @@ from fsw_test_support.machine_server import parser as machine_server_parser
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGES = [
-    *(WORKSPACE / name for name in ("README.md", "CONTRIBUTING.md", "runtime/rclpy_embedded/README.md")),
+    *(WORKSPACE / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((WORKSPACE / "docs").rglob("*.md")),
     *sorted((WORKSPACE / "studies").glob("*/README.md")),
 ]

@@ -84,13 +84,11 @@ KNOWN |= {
 KNOWN |= {"std_srvs", "action_msgs", "lifecycle_msgs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
+#: what the tests of this repository share; and extras that only
 #: one command needs, of which rosdep has not all; pydantic comes by pip, as Ubuntu has version 1
 OPTIONAL = {
     "pydantic",
     "pydantic_core",
-    "rosidl_embedded",
-    "rclpy_embedded",
     "fsw_test_support",
     "dask",
     "distributed",

@@ -74,7 +74,8 @@ def test_help_of_the_tests_installs_nothing(tmp_path):
 def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
     """By a copy of the folder, in which there is a folder in the place of the lock."""
     (tmp_path / "scripts").mkdir()
-    (tmp_path / "scripts" / "_bootstrap.py").write_text((SCRIPTS / "_bootstrap.py").read_text())
+    for name in ("_bootstrap.py", "_interfaces.py"):
+        (tmp_path / "scripts" / name).write_text((SCRIPTS / name).read_text())
     (tmp_path / "requirements").mkdir()
     for name in (".venv.lock", ".venv-ros.lock"):
         (tmp_path / name).mkdir(parents=True)
@@ -88,7 +89,8 @@ def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
     (tmp_path / "scripts").mkdir()
     script = tmp_path / "scripts" / "run.py"
     script.write_text("import _bootstrap\n_bootstrap.ensure()\n")
-    script.with_name("_bootstrap.py").write_text((SCRIPTS / "_bootstrap.py").read_text())
+    for name in ("_bootstrap.py", "_interfaces.py"):
+        script.with_name(name).write_text((SCRIPTS / name).read_text())
     environment = dict(os.environ)
     environment.pop("ROS_DISTRO", None)
     python = tmp_path / ".venv" / "bin" / "python"

@@ -14,7 +14,7 @@ from fsw_msgs.msg import SupervisorState
 
 #: supervisors that are remembered, the latest
 _SUPERVISORS = 10
-#: what rmw calls a node that it has not discovered yet, as rclpy_embedded does
+#: what rmw calls a node that it has not discovered yet
 _NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 

@@ -10,7 +10,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rosbags.interfaces import Qos
 
-from fsw_recorder.qos import missing_requests
+from fsw_recorder.qos import is_latched, missing_requests
 from fsw_recorder.qos_ros import profile_of
 
 #: how many messages of a topic are remembered to recognise duplicates
@@ -42,7 +42,8 @@ class TopicSubscription:
     """One subscription per strength of QoS that the publishers offer, each message taken once.
 
     A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
-    when it comes first. `lost` counts messages that the middleware reports as lost before they were received.
+    when it comes first. `lost` counts messages that the middleware reports as lost before they were received. On a
+    latched topic Fast DDS also reports those that were replaced before the subscription; they are not lost.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
@@ -51,6 +52,7 @@ class TopicSubscription:
         self._requests: list[Qos] = []
         self._repeats = Repeats()
         self.lost = 0
+        self._received = 0
 
     def update(self, publishers: Sequence[Qos]) -> list[Qos]:
         """Add the subscriptions that the present publishers need; returns those added."""
@@ -68,6 +70,7 @@ class TopicSubscription:
         return added
 
     def _receive(self, data: bytes, info: dict[str, Any]) -> None:
+        self._received += 1
         received = info.get("received_timestamp") or time.time_ns()
         published = info.get("source_timestamp") or received
         content = bytes(data)
@@ -76,6 +79,8 @@ class TopicSubscription:
             self._write(self._name, content, received, published)
 
     def _on_lost(self, status: Any) -> None:
+        if self._received < 2 and any(map(is_latched, self._requests)):  # the event may come after the message
+            return
         self.lost += status.total_count_change
         self._node.get_logger().warning(
             f"{self._name}: {status.total_count_change} messages lost before they were received"
