@@ -26,7 +26,7 @@ from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
-from fsw_control.topics_ros import LATEST, STREAM, display_publisher, subscribe_drives, subscribe_sensors
+from fsw_control.topics_ros import LATEST, SENT, STREAM, display_publisher, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
@@ -97,8 +97,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._own.on_change(self._controller.configure)
 
     def _open_topics(self) -> None:
-        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", STREAM)
-        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
+        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", SENT)
+        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", SENT)
         self._predictions = display_publisher(self, Prediction, f"fsw/{self._controller_name}/prediction")
         self._diagnostics = DiagnosticsPublisher(self)
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from fsw_control.command_gate import CommandGate
 from fsw_control.diagnostic_names import HARDWARE, qualified
 from fsw_control.messages_ros import header
-from fsw_control.topics_ros import STREAM
+from fsw_control.topics_ros import SENT
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -39,7 +39,7 @@ class DiagnosticsPublisher:
         self._name = qualified(namespace, name or node.get_name())
         self._hardware_id = qualified(namespace, HARDWARE)
         self._values = {INSTANCE: instance} if instance else {}
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", SENT)
 
     def publish(self, lines: Iterable[Report], time_ns: int | None = None) -> None:
         """Publish lines of now, or of ``time_ns``."""

@@ -18,9 +18,15 @@ from fsw_control import units
 from fsw_control.contract import SENSOR_FIELDS, SENSORS, Command
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 
+#: to subscribe to samples: a slow node skips to the latest ones
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+#: To publish samples and simulated time: they are kept until they have arrived. Lockstep, at several hundred ticks/s,
+#: does not wait for the recorder, which may stand still for 0.2 s on a busy machine and must not miss any.
+SENT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for late joiners
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: to publish what is replaced often, and is recorded as a whole
+REPLACED = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: set-points; as deep as a scenario's are sent ahead
 LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -44,12 +50,12 @@ def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
 
     It has a profile of its own, because genuine rclpy writes what is overridden into the one it is given.
     """
-    return node.create_publisher(kind, topic, copy(STREAM), qos_overriding_options=DISPLAY)
+    return node.create_publisher(kind, topic, copy(SENT), qos_overriding_options=DISPLAY)
 
 
 def sensor_publishers(node: Node) -> list[Publisher]:
     """Publishers of the sensors, in the order of ``SENSORS``."""
-    return [node.create_publisher(_MESSAGES[sensor][0], SENSOR_FIELDS[sensor][0], STREAM) for sensor in SENSORS]
+    return [node.create_publisher(_MESSAGES[sensor][0], SENSOR_FIELDS[sensor][0], SENT) for sensor in SENSORS]
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:

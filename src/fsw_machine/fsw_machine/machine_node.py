@@ -24,7 +24,7 @@ from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.stop_ros import StopHolder
-from fsw_control.topics_ros import STREAM, sensor_publishers
+from fsw_control.topics_ros import SENT, STREAM, sensor_publishers
 from fsw_machine import gateway_reports_ros as reports
 from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
@@ -73,7 +73,7 @@ class MachineNode(ManagedNode):
         self._refused = ""
         self._guard = SingleInstanceGuard(self)
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
-        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
         self._diagnostics = DiagnosticsPublisher(self, instance=self._guard.instance)
 
     def activate(self) -> None:

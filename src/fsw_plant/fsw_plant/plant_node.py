@@ -10,7 +10,6 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
@@ -24,7 +23,7 @@ from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
-from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, display_publisher, sensor_publishers
+from fsw_control.topics_ros import LATEST, PLAYER_READY, SENT, STREAM, display_publisher, sensor_publishers
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
@@ -39,7 +38,6 @@ from fsw_plant.truth_ros import truth_message
 from fsw_plant.watchdog import WatchdogState
 from fsw_schema.models import InputError
 
-CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
@@ -111,9 +109,9 @@ class PlantNode(ManagedNode):
     def _open_topics(self, instance: str) -> None:
         # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
         # the sensors are announced last, it then has the other topics of a tick, too.
-        self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
+        self._clocks = self.create_publisher(ClockMessage, "/clock", SENT) if self._simulated else None
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
-        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
         self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 

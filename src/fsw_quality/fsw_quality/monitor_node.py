@@ -22,7 +22,7 @@ from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import OK, WARN, DiagnosticsPublisher, Report
-from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_sensors
+from fsw_control.topics_ros import SENT, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_model import ModelParameters
 from fsw_msgs.msg import WeldCommand, WeldHealth
@@ -56,7 +56,7 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
         self._newest_ns = 0
         self._told: dict[str, Finding | None] = {}
         self._longest_step_s = 0.0
-        self._health = self.create_publisher(WeldHealth, "fsw/monitor/health", STREAM)
+        self._health = self.create_publisher(WeldHealth, "fsw/monitor/health", SENT)
         self._diagnostics = DiagnosticsPublisher(self)
         subscribe_references(self, self._references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)

@@ -20,7 +20,7 @@ from fsw_control import units
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.status_file import write_status
-from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, subscribe_sensors
+from fsw_control.topics_ros import PLAYER_READY, REPLACED, SENT, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.audience_ros import Audience
@@ -91,8 +91,8 @@ class WeldPlayer:
         self._fed = self._judged = 0  #: ticks of the last feedback and of the last figures of merit
         self._last_sample_s = self._began_s = time.monotonic()
         self.finished = self._aborted = False
-        self._requests = node.create_publisher(String, "fsw/switch_request", STREAM)
-        self._ready = node.create_publisher(Header, PLAYER_READY, LATEST) if self._simulated else None
+        self._requests = node.create_publisher(String, "fsw/switch_request", SENT)
+        self._ready = node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
         self._audience = Audience(node, self.set_points.publishers, options.wait_for_controllers, named)
         self._stop = SafeStop(node)

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
-from fsw_control.topics_ros import LATEST
+from fsw_control.topics_ros import LATEST, REPLACED
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import SetMode
 from fsw_scenario.weld_programme import PhaseMachine, State
@@ -123,7 +123,7 @@ class ProgrammeServer:
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
-        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", REPLACED)
         self._services = [_serve(node, name, ask) for name, ask in (("hold", self._hold), ("resume", self._resume))]
 
     def destroy(self) -> None:

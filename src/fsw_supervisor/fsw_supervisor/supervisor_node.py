@@ -21,7 +21,7 @@ from fsw_control.references_ros import KeptReference
 from fsw_control.reports_ros import DiagnosticsPublisher, log
 from fsw_control.stop import Stop
 from fsw_control.stop_ros import StopHolder
-from fsw_control.topics_ros import LATEST, STREAM, subscribe_sensors
+from fsw_control.topics_ros import LATEST, SENT, STREAM, subscribe_sensors
 from fsw_msgs.msg import ControllerStatus, DriveFeedback, SupervisorState, WeldCommand
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter, problem
@@ -175,7 +175,7 @@ class SupervisorNode(LightNode, Node):
 
     def _open_commands(self) -> Publisher:
         if self._commands is None:
-            self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
+            self._commands = self.create_publisher(WeldCommand, "fsw/command", SENT)
         return self._commands
 
     def _open(self) -> None:
