@@ -78,7 +78,7 @@ def why_no_middleware():
     if (sys.platform, platform.machine()) != ("linux", "x86_64") or old:
         return f"the wheels of ROS 2 are for Linux on x86-64 with glibc {ROS_GLIBC[0]}.{ROS_GLIBC[1]}: source a ROS 2"
     if not ROS_PYTHONS[0] <= sys.version_info[:2] <= ROS_PYTHONS[1]:
-        first, last = (f"{major}.{minor}" for major, minor in ROS_PYTHONS)
+        first, last = map(_words, (max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]))
         return f"the wheels of ROS 2 are for Python {first} to {last}: use one of these, or source a ROS 2"
     if _interfaces.compiler() is None:
         return "a C++ compiler is missing (Debian, Ubuntu: apt install g++)"
@@ -104,8 +104,9 @@ def ensure(dev=False, oldest=False, extras=()):
     SystemExit
         With one clear line, if Python is too old or the packages cannot be installed.
     """
+    _prefer_a_python_of_the_wheels()
     if sys.version_info < OLDEST:
-        sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
+        sys.exit(f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
     reason = why_no_middleware()
@@ -142,9 +143,24 @@ def ensure(dev=False, oldest=False, extras=()):
     _on_interrupt(signal.default_int_handler)
 
 
+def _prefer_a_python_of_the_wheels():
+    """Run this script again by a Python of the search path that the wheels of ROS 2 fit, if this one is another."""
+    first, last = max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]
+    if with_genuine_ros() or first <= sys.version_info[:2] <= last:
+        return
+    for minor in range(last[1], first[1] - 1, -1):
+        python = shutil.which(f"python3.{minor}")
+        if python:
+            print(f"[set-up] Python {_minor(sys.version)} has no wheels of ROS 2: using {python}", file=sys.stderr)
+            _run_again(python)
+
+
 def _go_on(home):
     """Run this script again, by the interpreter of an environment."""
-    python = str(_python(home))
+    _run_again(str(_python(home)))
+
+
+def _run_again(python):
     os.environ.pop(_WHEELS_READY, None)  # of another environment
     if INTERRUPTIBLE:  # it waits until the next interpreter is here
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -182,6 +198,10 @@ def _python(home):
 
 def _minor(version):
     return ".".join(version.split(".")[:2])
+
+
+def _words(version):
+    return ".".join(map(str, version))
 
 
 def _made_with(home):

@@ -134,9 +134,15 @@ def _install(folder: Path, build: Path, prefix: Path) -> None:
     name = folder.name
     site = prefix / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
     share = prefix / "share" / name
-    for old in (site / name, share):
-        shutil.rmtree(old, ignore_errors=True)
-    shutil.copytree(build / "python" / name, site / name, ignore=shutil.ignore_patterns("*.c"))
+    shutil.rmtree(share, ignore_errors=True)
+    new, old = site / f".{name}.new", site / f".{name}.old"
+    for left in (new, old):  # by one that was interrupted
+        shutil.rmtree(left, ignore_errors=True)
+    shutil.copytree(build / "python" / name, new, ignore=shutil.ignore_patterns("*.c"))
+    if (site / name).exists():
+        os.replace(site / name, old)  # nodes that start meanwhile find one of both
+    os.replace(new, site / name)
+    shutil.rmtree(old, ignore_errors=True)
     (prefix / "lib").mkdir(parents=True, exist_ok=True)
     for library in (build / "lib").iterdir():
         shutil.copy(library, prefix / "lib" / f".{library.name}")
@@ -165,7 +171,7 @@ def build_package(folder: Path, into: Path) -> None:
     Raises
     ------
     RuntimeError
-        If there is no compiler or it fails.
+        If a definition is wrong, there is no compiler, or it fails.
     """
     command = compiler()
     if command is None:
@@ -176,8 +182,11 @@ def build_package(folder: Path, into: Path) -> None:
     os.environ["AMENT_PREFIX_PATH"] = str(wheels)  # the generators find their templates by it
     with tempfile.TemporaryDirectory() as scratch:
         build = Path(scratch)
-        with redirect_stdout(io.StringIO()):
-            _generate(folder, build)
+        try:
+            with redirect_stdout(io.StringIO()):
+                _generate(folder, build)
+        except Exception as error:  # rosidl has no common one
+            raise RuntimeError(f"{folder.name}: {error}") from error
         folders = [*(build / library for library in (*LIBRARIES[:4], "python")), wheels / "include"]
         folders += [path for path in (wheels / "include").iterdir() if path.is_dir()]
         include = [f"-I{path}" for path in [*folders, python_headers(), numpy.get_include()]]

@@ -112,6 +112,24 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
         assert reader.message_count == info.message_count == len(list(reader.messages()))
 
 
+def test_nothing_is_recorded_before_the_awaited_topics_are_there(graph: Any, tmp_path: Path) -> None:
+    """So that a plant that waits for subscribers waits for a recorder that has found all nodes."""
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    recorder = start_recorder(graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05")
+    late = graph.node.create_publisher(String, "/fsw/late", 10)
+    graph.until(lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once")
+    for _ in range(3):  # the recorder has looked again before it answers
+        graph.ask(IsPaused, "/fsw_recorder/is_paused")
+        time.sleep(0.1)
+    assert depth.get_subscription_count() == 0
+    graph.node.create_publisher(String, "/fsw/later", 10)
+    talk(graph, depth, 3)
+    until_recorded(graph, bag, 3)
+    assert graph.end(recorder, signal.SIGINT)[0] == 0
+    assert depths_of(bag) == [0.0, 1.0, 2.0]
+
+
 def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     reliable = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)

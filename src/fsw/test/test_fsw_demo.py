@@ -1,0 +1,31 @@
+"""The demonstration where no ROS 2 can be installed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fsw import demo
+
+
+@pytest.fixture(autouse=True)
+def without_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "middleware_is_here", lambda: False)
+
+
+@pytest.mark.slow
+def test_without_middleware_the_weld_runs_in_one_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--scenario", "quick", "--controller", "decentral", "--out", str(tmp_path / "out")]
+    assert demo.main(words) == 0
+    printed = capsys.readouterr()
+    assert "no ROS 2 here: welds in one process, without bags" in printed.err and "IAE depth" in printed.out
+    assert len(json.loads((tmp_path / "out" / "quick" / "kpi.json").read_text(encoding="utf-8"))) == 1
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_the_page_needs_the_middleware(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo.main(["--live", "--out", str(tmp_path / "out")]) == 1
+    assert "--live needs ROS 2: see docs/how-to/install.md" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
