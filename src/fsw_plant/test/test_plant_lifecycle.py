@@ -8,6 +8,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 
 from fsw_control.stop import Stop
+from fsw_control.topics_ros import SENT
 from fsw_msgs.msg import ShoulderDepth
 from fsw_msgs.srv import SetDisturbance
 from fsw_test_support.waiting import PATIENCE_S
@@ -90,5 +91,5 @@ def test_it_says_why_it_cannot_be_activated_beside_another(graph, capfd):
 
 def test_how_much_of_the_truth_is_kept_may_be_overridden(graph):
     graph.start("-p", "qos_overrides./fsw/plant/truth.publisher.depth:=3", connected=False)
-    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (3, 10)
+    assert (graph.plant._truths.qos_profile.depth, graph.plant._drives.qos_profile.depth) == (3, SENT.depth)
     assert not graph.plant.has_parameter("qos_overrides./fsw/plant/truth.publisher.reliability")

@@ -217,6 +217,8 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
     for _ in range(5):
         caller.tick()
     caller.by_hand.publish(convert.reference_message(Reference(2.65, 815.0), 0))
+    # ticks follow each other faster than a message travels: it has arrived before the next one
+    caller.until(lambda: caller.in_force == Reference(2.65, 815.0) and caller.weld.set_points.are_by_hand())
     caller.until(lambda: caller.tick() == Reference(2.65, 815.0) and not caller.weld.set_points.course.followed)
     while caller.number < 29:
         assert caller.tick() == Reference(2.65, 815.0)
