@@ -59,8 +59,8 @@ TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "quality")
 NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
 
-def with_genuine_ros():
-    """Whether a genuine ROS 2 is sourced in this shell."""
+def with_sourced_ros():
+    """Whether a ROS 2 is sourced in this shell."""
     return bool(os.environ.get("ROS_DISTRO") and os.environ.get("AMENT_PREFIX_PATH"))
 
 
@@ -71,7 +71,7 @@ def why_no_middleware():
     """
     import _interfaces  # from this folder, which is in the search path now
 
-    if with_genuine_ros():
+    if with_sourced_ros():
         return ""
     libc, version = platform.libc_ver()
     old = libc != "glibc" or tuple(map(int, version.split(".")[:2])) < ROS_GLIBC
@@ -107,10 +107,10 @@ def ensure(dev=False, oldest=False, extras=()):
     _prefer_a_python_of_the_wheels()
     if sys.version_info < OLDEST:
         sys.exit(f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})")
-    home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
+    home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_sourced_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
     reason = why_no_middleware()
-    if not with_genuine_ros() and not reason:
+    if not with_sourced_ros() and not reason:
         names = (names[0], f"{ROS}.lock", *names[1:])
     names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
@@ -135,7 +135,7 @@ def ensure(dev=False, oldest=False, extras=()):
         except (OSError, subprocess.CalledProcessError) as error:
             advice = "[set-up] run this once as a user who may write there"
             sys.exit(f"[set-up] cannot write {home} ({', '.join(names)}): {error}\n{advice}")
-    prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
+    prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_sourced_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
     if not inside:
@@ -146,7 +146,7 @@ def ensure(dev=False, oldest=False, extras=()):
 def _prefer_a_python_of_the_wheels():
     """Run this script again by a Python of the search path that the wheels of ROS 2 fit, if this one is another."""
     first, last = max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]
-    if with_genuine_ros() or first <= sys.version_info[:2] <= last:
+    if with_sourced_ros() or first <= sys.version_info[:2] <= last:
         return
     for minor in range(last[1], first[1] - 1, -1):
         python = shutil.which(f"python3.{minor}")
@@ -242,7 +242,7 @@ def _make(home, locks):
     if _made_with(home) != _minor(sys.version):
         print(f"[set-up] making {home.name} with Python {sys.version.split()[0]}", file=sys.stderr, flush=True)
         try:
-            venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_genuine_ros()).create(home)
+            venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_sourced_ros()).create(home)
         except (OSError, subprocess.CalledProcessError) as error:
             sys.exit(f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv")
     # those before the first one that is new are as they were; those after it may have other versions of its packages
@@ -277,7 +277,7 @@ def _build_interfaces(home):
 
 def _packages(lock):
     lines = [line.strip() for line in lock.read_text().splitlines()]
-    skipped = FROM_ROS if with_genuine_ros() else ()
+    skipped = FROM_ROS if with_sourced_ros() else ()
     return [line for line in lines if line and not line.startswith("#") and line.split("==")[0] not in skipped]
 
 

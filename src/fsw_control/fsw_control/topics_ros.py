@@ -48,7 +48,7 @@ _MESSAGES: dict[str, tuple[Any, Callable[[float], float]]] = {
 def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
     """A publisher of what is only displayed; ``DISPLAY`` says what parameters may override.
 
-    It has a profile of its own, because genuine rclpy writes what is overridden into the one it is given.
+    It has a profile of its own, because rclpy writes what is overridden into the one it is given.
     """
     return node.create_publisher(kind, topic, copy(SENT), qos_overriding_options=DISPLAY)
 

@@ -118,7 +118,7 @@ def test_a_refusal_by_service_is_logged_in_one_line_and_leaves_nothing(make, cap
 
 
 def test_a_transition_that_does_not_exist_now_does_not_end_the_node(capfd):
-    """As genuine rclpy raises it out of the service's callback."""
+    """As rclpy raises it out of the service's callback."""
 
     class Refusing(Welder):
         def __init__(self):
