@@ -51,6 +51,8 @@ from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
 _REPORT_PERIOD_S = 1.0
+#: time between looks at what has been received [s]; the queues hold far more than comes meanwhile
+_POLL_PERIOD_S = 0.01
 
 
 class _Bag(NamedTuple):
@@ -122,6 +124,7 @@ class RecorderNode(ManagedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
         self.create_timer(_REPORT_PERIOD_S, self._report, clock=steady)
+        self.create_timer(_POLL_PERIOD_S, self._poll, clock=steady)
         self._discover()
         self.get_logger().info(f"recording to {self.writer.folder}")
 
@@ -230,6 +233,11 @@ class RecorderNode(ManagedNode):
         self._subscriptions_by_topic[name].update(offers)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
+    def _poll(self) -> None:
+        """Write what has been received."""
+        for subscription in self._subscriptions_by_topic.values():
+            subscription.poll()
+
     # ------------------------------------------------------------------ reports
 
     def _attach_parameters(self, node_name: str, text: str) -> None:
@@ -264,7 +272,8 @@ class RecorderNode(ManagedNode):
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def _finish(self) -> None:
-        """Finish the bag and report its contents or why it is incomplete."""
+        """Finish the bag, with all that was received, and report its contents or why it is incomplete."""
+        self._poll()
         lost = self._lost()
         in_words = lost_words(sum(lost.values()), self._stalls.total_s)
         self.writer.custom_data["lost_messages"] = in_words

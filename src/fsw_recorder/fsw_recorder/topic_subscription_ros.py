@@ -6,12 +6,15 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rosbags.interfaces import Qos
 
-from fsw_recorder.qos import is_latched, missing_requests
+from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
+from fsw_recorder.sequences import Sequences
 
 #: how many messages of a topic are remembered to recognise duplicates
 _REMEMBERED = 4096
@@ -38,50 +41,80 @@ class Repeats:
         return False
 
 
+class _Polled(CallbackGroup):
+    """A group that no executor waits for.
+
+    An executor of rclpy builds its wait set again for each message, at a cost that grows with the number of topics;
+    a recorder that has them all would spend most of its time on that.
+    """
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether an executor may wait for an entity."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Whether an executor may run an entity's callback."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing is ever run."""
+
+
 class TopicSubscription:
-    """One subscription per strength of QoS that the publishers offer, each message taken once.
+    """One subscription per strength of QoS that the publishers offer, each message taken once, when it is polled.
 
     A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
-    when it comes first. `lost` counts messages that the middleware reports as lost before they were received. On a
-    latched topic Fast DDS also reports those that were replaced before the subscription; they are not lost.
+    when it comes first. `lost` counts the messages that a subscription has not received between others, by their
+    numbers; a middleware that gives none tells of no loss. With events of the middleware it would be told more, but
+    Fast DDS then wakes the executor for each message, too.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
         self._node, self._name, self._kind, self._depth = node, name, kind, depth
         self._write = write
         self._requests: list[Qos] = []
+        self._subscriptions: list[tuple[Subscription, Sequences]] = []
         self._repeats = Repeats()
         self.lost = 0
-        self._received = 0
 
     def update(self, publishers: Sequence[Qos]) -> list[Qos]:
         """Add the subscriptions that the present publishers need; returns those added."""
         added = missing_requests(publishers, self._requests, self._depth)
         for request in added:
-            self._node.create_subscription(
+            subscription = self._node.create_subscription(
                 self._kind,
                 self._name,
-                self._receive,
+                self._receive,  # never called
                 profile_of(request),
                 raw=True,
-                event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
+                callback_group=_Polled(),
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             )
+            self._subscriptions.append((subscription, Sequences()))
         self._requests += added
         return added
 
+    def poll(self) -> None:
+        """Write what has been received since; the middleware has noted when that was."""
+        before = self.lost
+        for subscription, sequences in self._subscriptions:
+            with subscription.handle:
+                for _ in range(self._depth):  # others come meanwhile: they must not keep it from everything else
+                    taken = subscription.handle.take_message(self._kind, True)
+                    if taken is None:
+                        break
+                    self._receive(*taken)
+                    number = taken[1].get("publication_sequence_number")
+                    if number is not None:
+                        self.lost += sequences.take(number, subscription.get_publisher_count)
+        if self.lost > before:
+            text = f"{self._name}: {self.lost - before} messages lost before they were received"
+            self._node.get_logger().warning(text)
+
     def _receive(self, data: bytes, info: dict[str, Any]) -> None:
-        self._received += 1
         received = info.get("received_timestamp") or time.time_ns()
         published = info.get("source_timestamp") or received
         content = bytes(data)
         may_repeat = len(self._requests) > 1 and published != received
         if not (may_repeat and self._repeats.seen(published, content)):
             self._write(self._name, content, received, published)
-
-    def _on_lost(self, status: Any) -> None:
-        if self._received < 2 and any(map(is_latched, self._requests)):  # the event may come after the message
-            return
-        self.lost += status.total_count_change
-        self._node.get_logger().warning(
-            f"{self._name}: {status.total_count_change} messages lost before they were received"
-        )
