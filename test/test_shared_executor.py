@@ -6,6 +6,7 @@ import time
 import pytest
 import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.task import Future
 
 from fsw_control.controller_node import ControllerNode
 from fsw_control.free_domain import free_domain
@@ -42,11 +43,11 @@ def check(executor):
     nodes = [watcher, decentral, SupervisorNode(), PlantNode()]
     for node in nodes:
         executor.add_node(node)
-    failed = []
+    failed, over = [], Future()
 
     def spin():
         try:
-            executor.spin()
+            executor.spin_until_future_complete(over)
         except ExternalShutdownException:
             pass
         except Exception as error:  # for the assertion below
@@ -57,8 +58,9 @@ def check(executor):
     end_s = time.monotonic() + PATIENCE_S
     while len(truths) < TICKS and thread.is_alive() and time.monotonic() < end_s:
         thread.join(0.05)
-    executor.shutdown()
+    over.set_result(None)
     thread.join(PATIENCE_S)
+    executor.shutdown()  # only now: rclpy's takes away what a spinning thread waits for
     for node in nodes:
         node.destroy_node()
     assert not failed

@@ -67,7 +67,9 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
         assert graph.tick() == before, "the set-points that were sent ahead are void"
     refused = graph.ask("hold")
     assert (refused.success, refused.message) == (False, "refused: the weld is held; it must be running")
-    graph.until(lambda: convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS, "a report")
+    graph.until(
+        lambda: graph.tick() and convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS, "a report"
+    )
     now = graph.progress[-1]
     assert (now.state, now.angle, now.length, now.time_left) == ("held", held.angle, held.length, held.time_left)
     assert graph.ask("resume").success
