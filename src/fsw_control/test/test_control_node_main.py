@@ -1,6 +1,7 @@
 """Nodes as processes: how they end, and how they refuse to start."""
 
 import contextlib
+import os
 import runpy
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Reference, run_controller
 from fsw_control import messages_ros as convert
+from fsw_control.node_main_ros import run
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_test_support.waiting import PATIENCE_S
@@ -243,3 +245,20 @@ def test_a_signal_while_the_interpreter_ends_leaves_the_exit_code(domain_id, sen
         finally:
             process.kill()
     assert process.returncode == 0
+
+
+@pytest.mark.parametrize("name", ["", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"])
+def test_nodes_have_a_profile_of_fast_dds_unless_the_user_has_one(monkeypatch, name):
+    for known in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.setenv(known, "")
+    if name:
+        monkeypatch.setenv(name, "/mine.xml")
+    seen = {}
+
+    def refuse(*_):
+        seen.update({key: value for key, value in os.environ.items() if key.endswith("_PROFILES_FILE") and value})
+        raise ValueError("no node here")
+
+    assert run(refuse, ["node"]) == 2
+    assert len(seen) == 1
+    assert seen == {name: "/mine.xml"} if name else Path(*seen.values()).is_file()

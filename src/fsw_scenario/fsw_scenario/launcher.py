@@ -15,8 +15,6 @@ from typing import Any
 from fsw_control.status_file import VARIABLE, read_status
 
 _POLL_S = 0.02
-#: profile of Fast DDS; a user's own takes precedence
-_DISCOVERY = Path(__file__).with_name("discovery.xml")
 #: exit code of a node whose arguments or parameters are wrong
 REFUSED = 2
 #: exit code of the scenario player after the programme of a weld was aborted
@@ -73,7 +71,6 @@ class Launcher:
         self._patience_s = patience_s
         self._environment = {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "FASTRTPS_DEFAULT_PROFILES_FILE": str(_DISCOVERY),
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
             "PYTHONUNBUFFERED": "1",
