@@ -115,8 +115,11 @@ def disturbance(index):
 
 
 def one(job):
-    """Weld and identify one plant: relative error and standard deviation of every parameter, seconds, excursions,
-    remarks about disturbances, largest memory of this process so far [MB]."""
+    """Weld and identify one plant.
+
+    Returns relative error and standard deviation of every parameter, seconds, excursions, remarks about disturbances,
+    largest memory of this process so far [MB].
+    """
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
@@ -350,8 +353,11 @@ def percent(flags):
 
 
 def sensed(job):
-    """Identify a plant with such sensors: errors, standard deviations, ratios of errors of predictions, remarks about
-    disturbances and whether one is about whiteness, lag and correlation times found, seconds."""
+    """Identify a plant with such sensors.
+
+    Returns errors, standard deviations, ratios of errors of predictions, remarks about disturbances and whether one is
+    about whiteness, lag and correlation times found, seconds.
+    """
     index, factors, kind = job
     lag_s = specs()["actuators.lag_s"].default
     sensors, event = SENSING.get(kind, {}), None

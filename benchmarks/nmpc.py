@@ -69,7 +69,7 @@ def main() -> int:
     options = arguments.parse_args()
     figures: Figures = {}
     for part in (ratios,) if options.only_ratios else (step_times, ratios, worst_cases, against_converged):
-        print(f"{(part.__doc__ or '').splitlines()[0]} ...", file=sys.stderr, flush=True)
+        print(f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...", file=sys.stderr, flush=True)
         figures |= part(options.quick)
         save(figures, options.json)
     show(figures)
@@ -137,7 +137,7 @@ def make(blocks: int | None = None, **values: Any) -> NmpcController:
 
 
 def step_times(quick: bool) -> Figures:
-    """CPU time per step in closed loop, with sensor noise"""
+    """CPU time per step in closed loop, with sensor noise."""
     figures: Figures = {}
     duration_s = WELD_S / 4 if quick else WELD_S
     for name, controller in (("rti", make()), ("rti108", make(54)), ("paper", make(preset="paper"))):
@@ -248,7 +248,7 @@ class Comparison:
 
 
 def ratios(quick: bool) -> Figures:
-    """The same problems by other solvers, with 54 moves of both inputs"""
+    """The same problems by other solvers, with 54 moves of both inputs."""
     warnings.simplefilter("ignore")  # do-mpc tells on import what else could be installed
     controller = make(preset="paper")
     problems = problems_of_weld(controller, quick)
@@ -261,7 +261,7 @@ def ratios(quick: bool) -> Figures:
 
 
 def against_converged(quick: bool) -> Figures:
-    """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)"""
+    """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)."""
 
     def iae(rows: Vector, column: int) -> float:
         return float(0.1 * np.abs(rows[:, column] - rows[:, column + 2]).sum())
@@ -288,7 +288,7 @@ def against_converged(quick: bool) -> Figures:
 
 
 def worst_cases(quick: bool) -> Figures:
-    """Random states and weights of the whole working range, and set-points out of reach"""
+    """Random states and weights of the whole working range, and set-points out of reach."""
     rng, cold = np.random.default_rng(3), np.zeros(40)
     library = make_library(20)
     iterations, cpu_s, unsolved = [], [], 0

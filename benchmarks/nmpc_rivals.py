@@ -306,6 +306,7 @@ class DoMpc:
         return mpc
 
     def __call__(self, problem: Any) -> Answer:
+        """Solve a problem; its first moves."""
         h, t, mpc = self._h, self._t, self._mpc
         start = start_vector(problem.start, h)
         drifts = start[N_START:].reshape(2, -1)

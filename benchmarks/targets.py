@@ -1,9 +1,9 @@
-"""Exported controllers on other processors: equal answers, memory, stack, instructions per step.
+r"""Exported controllers on other processors: equal answers, memory, stack, instructions per step.
 
 Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its test vectors, a weld
 of 240 s, where compiler and emulator are installed:
 
-    apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \\
+    apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \
         gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-powerpc-linux-gnu libc6-dev-powerpc-cross
 
 QEMU counts instructions, not cycles.

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Mutation testing of the safety-relevant code: which changes do the tests not notice?
+"""Mutation testing of the safety-relevant code: which changes the tests do not notice.
 
 Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
 both kernels, by the changes in test/mutants.yaml. Message texts are not changed. The result goes to

@@ -187,6 +187,7 @@ def saturated(welds: Mapping[str, WeldSignals]) -> dict[str, dict[str, float]]:
 
 
 def errors(signals: WeldSignals) -> dict[str, float]:
+    """IAE and largest error of both outputs, against the noise-free truth."""
     truth = signals.truth
     assert truth is not None  # a simulation has it
     depth = np.abs(truth.depth_mm - signals.reference_depth_mm)

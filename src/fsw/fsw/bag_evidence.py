@@ -1,4 +1,4 @@
-"""``fsw.py bag keygen``, ``attest``, ``verify-evidence``: are bags what was recorded and signed?"""
+"""``fsw.py bag keygen``, ``attest``, ``verify-evidence``: whether bags are what was recorded and signed."""
 
 from __future__ import annotations
 

@@ -87,10 +87,12 @@ class Weld:
 
     @cached_property
     def table(self) -> dict[str, Column]:
+        """All signals by name."""
         return weld_table(self.signals)
 
     @cached_property
     def kpi(self) -> dict[str, Any]:
+        """Figures of merit by name."""
         return kpi.compute(self.signals, self.label)
 
     def to_pandas(self) -> pd.DataFrame:

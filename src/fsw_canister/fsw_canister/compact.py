@@ -145,11 +145,13 @@ class CompactCanister(HeatModel):
         self._known: dict[tuple[float, float], tuple[Array, Array]] = {}
 
     def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
+        """See :meth:`HeatModel.initial`."""
         return CanisterState(np.zeros(self.states), 0.0, self._checked(axial_mm))
 
     def step(
         self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
     ) -> CanisterState:
+        """See :meth:`HeatModel.step`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
         source, _, _ = self._at(axial_mm)
         kept_part, response = self.over(traverse_mm_per_s, dt_s)
@@ -177,6 +179,7 @@ class CompactCanister(HeatModel):
         return self._known[key]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
+        """See :meth:`HeatModel.stir_zone_temperature_c`."""
         _, rim, rest = self._at(state.axial_mm)
         return float(self.copper.temperature_c(rim @ state.modes[: self._even] + rest * state.power_kw))
 

@@ -48,6 +48,7 @@ def one_thread() -> AbstractContextManager[Any]:
 
 
 def extra(module: str) -> Any:
+    """Module of the extra ``canister``; InputError where it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError:

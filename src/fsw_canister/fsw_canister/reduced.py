@@ -77,6 +77,7 @@ class ReducedCanister(HeatModel):
     def step(
         self, state: CanisterState, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float = 0.1
     ) -> CanisterState:
+        """See :meth:`HeatModel.step`."""
         self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
         source, _, _ = self._at(axial_mm)
         decay, response = self._over(traverse_mm_per_s, dt_s)
@@ -106,6 +107,7 @@ class ReducedCanister(HeatModel):
         return self._response[1], self._response[2]
 
     def stir_zone_temperature_c(self, state: CanisterState) -> float:
+        """See :meth:`HeatModel.stir_zone_temperature_c`."""
         _, rim, rest = self._at(state.axial_mm)
         theta = np.dot(rim * self._phase(state.angle_rad), state.modes).real + rest * state.power_kw
         return float(self.copper.temperature_c(theta))

@@ -9,34 +9,42 @@ NANOSECONDS = 1_000_000_000
 
 
 def mm_from_m(value_m: float) -> float:
+    """mm from m."""
     return value_m * 1e3
 
 
 def m_from_mm(value_mm: float) -> float:
+    """m from mm."""
     return value_mm * 1e-3
 
 
 def kn_from_n(value_n: float) -> float:
+    """kN from N."""
     return value_n * 1e-3
 
 
 def n_from_kn(value_kn: float) -> float:
+    """N from kN."""
     return value_kn * 1e3
 
 
 def rpm_from_rad_s(value_rad_s: float) -> float:
+    """rpm from rad/s."""
     return value_rad_s / RAD_PER_S_PER_RPM
 
 
 def rad_s_from_rpm(value_rpm: float) -> float:
+    """rad/s from rpm."""
     return value_rpm * RAD_PER_S_PER_RPM
 
 
 def w_from_kw(value_kw: float) -> float:
+    """W from kW."""
     return value_kw * 1e3
 
 
 def kw_from_w(value_w: float) -> float:
+    """kW from W."""
     return value_w * 1e-3
 
 

@@ -42,8 +42,10 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file``, factors ``model.*``, and
-    on a canister ``canister.*`` and where the tool is at first.
+    """The plant.
+
+    Its parameters are those of ``plant.yaml`` (the FMU's own, ``model_file``, factors ``model.*``) and on a canister
+    ``canister.*`` and the tool's first position.
 
     Raises
     ------

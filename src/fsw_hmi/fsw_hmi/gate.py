@@ -33,8 +33,10 @@ class _Peer:
 
 
 class Gate:
-    """Counts connections. Where there are too many, the client with the most loses the oldest that only waits, then the
-    oldest page of a stranger. Pages of who has logged in stay; if there are no others, the new connection goes.
+    """Limits the open connections.
+
+    Beyond the limit, the client with the most connections loses the oldest one that only waits, then the oldest page of
+    a stranger. Pages of users who are logged in stay; if there are no others, the new connection is closed.
     A connection that takes longer than ``request_s`` for a whole request is closed.
     """
 

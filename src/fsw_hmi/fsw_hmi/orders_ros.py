@@ -75,8 +75,10 @@ class Orders:
     # ---------------------------------------------------------------- services
 
     def carry_out(self, action: Action, answer: Answer, timeout_s: float) -> None:
-        """Begin an action of the graph's services; ``answer`` gets outcome and words; of a safe stop
-        that is answered late twice."""
+        """Begin an action of the graph's services.
+
+        ``answer`` gets the outcome and its text; twice for a safe stop that is answered late.
+        """
         client, offered_by, request = self._request(action)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
         due_s = time.monotonic() + timeout_s + (action.wait_s if isinstance(action, Switch) else 0.0)

@@ -113,6 +113,7 @@ class UsersFile(Users):
         super().__init__(self._read())
 
     def look(self) -> Set[str]:
+        """See :meth:`Users.look`; reads the file again if it has changed."""
         version = self._found()
         if version == self._version:
             return frozenset()

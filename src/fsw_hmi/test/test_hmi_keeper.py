@@ -73,8 +73,8 @@ def test_damaged_state_is_not_used(folder, text, told):
 
 def test_damaged_rows_are_left_out(folder, told):
     with (folder / "hmi_rows.jsonl").open("ab") as file:
-        for row in (["x"] * len(COLUMNS), [float("nan")] * len(COLUMNS)):  # which no page can read
-            file.write(json.dumps(row).encode() + b"\n")
+        for damaged in (["x"] * len(COLUMNS), [float("nan")] * len(COLUMNS)):  # which no page can read
+            file.write(json.dumps(damaged).encode() + b"\n")
         file.write(b'[1.0]\n\xff\xfe\n{"a": 1}\n[1.0,2')
     assert Keeper(folder, told.append).load(1000.0)[1] == ROWS
     assert ["6 damaged lines" in one for one in told] == [True]

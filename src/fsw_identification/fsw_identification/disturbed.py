@@ -47,8 +47,10 @@ def find_shifts(problem: Problem) -> list[Shift]:
 
 
 def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray:
-    """Estimate of a shift at each tick but the first, beside a level, in its standard deviations; of white noise it is
-    the difference of the means after and before."""
+    """Estimate of a shift at each tick but the first, beside a level, in its standard deviations.
+
+    For white noise it is the difference of the means after and before.
+    """
     limited, known = np.nan_to_num(np.clip(whitened, -_CLIP, _CLIP)), np.isfinite(whitened)
     sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known))
     at = np.arange(1, len(whitened))

@@ -72,8 +72,10 @@ def knots(n_ticks: int) -> int:
 
 
 def compress(walk: Walks, factor: FloatArray, columns: FloatArray, weights: FloatArray, white: Whitening) -> Compressed:
-    """Rows of the data; ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) is that of
-    what the knots add, ``weights`` (n,) are of the whitened rows.
+    """Rows of the data.
+
+    ``columns`` (n, 1 + border) are residuals and slopes by the border, ``factor`` (n,) multiplies what the knots add,
+    ``weights`` (n,) belong to the whitened rows.
 
     Between two knots are the ticks after the one, up to the other: each with the sample before.
     """

@@ -369,8 +369,10 @@ def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> F
 
 
 def _by_doubt(problem: Problem) -> FloatArray:
-    """Information that free parameters, shifts, share and lag have in common with errors of the same, as far as these
-    get into the depth by what is taken for doubtful in the temperature: else that is treated as known."""
+    """Information that free parameters, shifts, share and lag have in common with errors of the same.
+
+    Counts errors that reach the depth through the doubtful part of the temperature; the rest is treated as known.
+    """
     free, p, parts = len(problem.free), problem.parameters, problem.linearised(problem.parameters, True)
     n = free + len(problem.shifts) + 2
     found = np.zeros((n, n))

@@ -104,8 +104,10 @@ def likely_colour(problem: Problem) -> FloatArray:
 
 
 def likely_lag(problem: Problem) -> tuple[float, float]:
-    """Lag of the thermocouple that the depth tells at a solution without one, which stays as it is, and its standard
-    deviation."""
+    """Lag of the thermocouple according to the depth, and its standard deviation.
+
+    Computed at a solution without a lag, which stays as it is.
+    """
     before, problem.lagged = problem.lagged, True
     border, _ = problem.eliminate(problem.linearised(problem.parameters, True), True)
     problem.lagged = before

@@ -153,8 +153,10 @@ class Problem:
         return found
 
     def _shift_slopes(self, i: int, output: int, p: ModelParameters, real: bool = True) -> FloatArray:
-        """(n, shifts + 1): what a unit of each shift and of the share adds to an output of a segment; if not ``real``,
-        only shows."""
+        """Effect of a unit of each shift and of the share on an output of a segment, (n, shifts + 1).
+
+        If not ``real``, only the effect on what the sensor shows.
+        """
         segment, known = self.segments[i], self.known[i]
         slopes = np.zeros((segment.n_ticks, len(self.shifts) + 1))
         if real and output == DEPTH:
@@ -175,8 +177,10 @@ class Problem:
         return p.softening_per_c * self.known[i].depth_mm / softened(p, self.known[i], self.lag_s)
 
     def _slopes(self, i: int, output: int, at_knots: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, free) and (n,): of an output by the logarithms of the parameters, and by the lag, at values at the
-        knots."""
+        """Derivatives of an output by the logarithms of the parameters, (n, free), and by the lag, (n,).
+
+        ``at_knots`` are the values at the knots.
+        """
         segment, known, p = self.segments[i], self.known[i], self.parameters
 
         def at(parameters: ModelParameters, lag_s: float) -> FloatArray:
@@ -256,8 +260,7 @@ class Problem:
         return float(border[0, 0] - border[1:, 0] @ sizes), parts, sizes
 
     def settle(self) -> None:
-        """Take the best knots, shifts and share at the present parameters: predictions, and what the outputs tell each
-        other.
+        """Take the best knots, shifts and share at the present parameters, for predictions and between the outputs.
 
         The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
         """

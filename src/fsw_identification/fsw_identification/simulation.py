@@ -178,8 +178,11 @@ def _late(begin: FloatArray, end: FloatArray, lag_s: float, dead_time_s: float) 
 
 
 class Walks(NamedTuple):
-    """How what is unknown at the knots acts: states of the modes; then of the input's disturbance (if there are modes)
-    and of the output's what they change to the next knot, and themselves."""
+    """How what is unknown at the knots acts.
+
+    In this order: states of the modes; then of the input's disturbance (if there are modes) and of the output's what
+    they change to the next knot, and themselves.
+    """
 
     here: FloatArray  #: (KNOT_TICKS + 1, p): on the ticks from a knot to the next
     ahead: FloatArray  #: (KNOT_TICKS + 1, p): on the same ticks, of the next

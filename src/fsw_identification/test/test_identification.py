@@ -472,8 +472,10 @@ def test_long_run_variance_is_the_weighted_sum_over_lags() -> None:
 
 
 def widened(noise: FloatArray) -> FloatArray:
-    """Variances by the residuals over those by the model, of a weld with this noise, in the sensors' standard
-    deviations."""
+    """Variances by the residuals over those by the model, of a weld with this noise.
+
+    ``noise`` is in the sensors' standard deviations.
+    """
     segment = only(weld(seconds=300.0, noise=0.0))
     segment = replace(segment, measured=segment.measured + np.array(NOISE) * noise[: segment.n_ticks])
     problem = Problem([segment], OTHER, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction"))

@@ -290,8 +290,11 @@ def beaten(**factors):
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.0, 1.6])
 def test_heat_brings_back_no_late_response_that_was_beaten(gain):
-    """As on the way down a canister: when a rival began anew with every move of the power, it took over, and half of
-    the heat was found after 15 to 17 s, as what was left passed for a response that is later still."""
+    """As on the way down a canister.
+
+    When a rival was started again with every move of the power, it took over, and half of the heat was found after
+    15 to 17 s, as the rest passed for an even later response.
+    """
     loop, state = beaten(thermal_gain_c_per_kw=gain)
     kw, before_kw, found_kw = 6.0, state.estimator.x[State.HEAT], []
     for tick in range(300):
@@ -377,8 +380,11 @@ def test_while_they_are_held_they_are_constants():
 @pytest.mark.parametrize("kw", [-2.0, 2.0])
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 def test_the_temperature_is_free_of_offset(gain, kw):
-    """Heat that the model lacks comes by and by in a minute, on a process of another gain. While it comes the error is
-    bounded; half a minute later its mean is a fraction of that without `heat_sigmas`, 0.4 to 0.8 degC."""
+    """Heat that the model lacks grows over a minute, on a process of another gain.
+
+    Meanwhile the error is bounded; half a minute later its mean is a fraction of that without `heat_sigmas`, 0.4 to
+    0.8 degC.
+    """
     loop = Welding(thermal_gain_c_per_kw=gain)
     loop.run(20, HOTTER)
     error, speed = [], []

@@ -101,7 +101,6 @@ def _of_residuals(
     words: Mapping[str, float],
 ) -> Finding:
     """The cause whose pattern the residuals have; a residual between exonerated and beyond fits both ways."""
-
     told = {name: "yes" if figure in beyond else "no" for name, figure in RESIDUALS.items()}
     if not limits.known_heat:
         del told["heat"]

@@ -133,7 +133,7 @@ class DriveWatch:
 
 
 class LoopWatch:
-    """The error of a controlled value: does it swing, and could it be smaller?"""
+    """Error of a controlled value: whether it oscillates, and whether it could be smaller."""
 
     #: samples of the error that make one, and how many are looked at
     EVERY, SIZE = 5, 240
@@ -176,7 +176,7 @@ class LoopWatch:
 
 
 class InnovationWatch:
-    """Residual of an equation less its running mean: is it as small, and as white, as at the begin of the weld?"""
+    """Residual of an equation less its running mean: whether it is as small and as white as when the weld began."""
 
     _FOLLOW = 1.0 - exp(-TICK_S / 2.0)
 
