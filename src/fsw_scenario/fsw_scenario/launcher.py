@@ -62,7 +62,8 @@ class Launcher:
     """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL, ``patience_s`` apart.
 
     All are in one ROS domain, and each has its ``<name>.log`` in ``log_folder``, which is made if necessary. Children
-    that outlive the launcher because it was killed get SIGTERM from the kernel (Linux).
+    that outlive the launcher because it was killed get SIGTERM from the kernel (Linux). A discovery server is not used:
+    it joins the nodes of all domains into one graph.
     """
 
     def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:
@@ -76,6 +77,7 @@ class Launcher:
             "PYTHONUNBUFFERED": "1",
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }
+        self._environment.pop("ROS_DISCOVERY_SERVER", None)
         log_folder.mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Launcher:

@@ -65,6 +65,16 @@ def patient(monkeypatch):
     return give
 
 
+def test_a_discovery_server_is_not_used(modules, tmp_path, monkeypatch):
+    """Its graph has the nodes of all domains."""
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:11811")
+    modules("child_a", "import os\ndef main():\n    print('ROS_DISCOVERY_SERVER' in os.environ)\n")
+    with Launcher(tmp_path / "log", 77) as launcher:
+        child = launcher.start("a", "child_a")
+        child.process.wait(PATIENCE_S)
+        assert child.text().strip() == "False"
+
+
 def test_arguments_environment_and_exit_code(modules, tmp_path):
     modules(
         "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
