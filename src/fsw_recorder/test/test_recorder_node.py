@@ -281,7 +281,7 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
     recorder = start_recorder(
         graph, bag, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
     )
-    graph.until(lambda: depth.get_subscription_count() > 0)
+    graph.until(lambda: depth.get_subscription_count() > 0 and reports)
     timer = graph.node.create_timer(0.001, lambda: depth.publish(ShoulderDepth(depth=1.0)))
     graph.until(lambda: recorder.poll() is not None)
     graph.node.destroy_timer(timer)
