@@ -1,14 +1,43 @@
-"""Nodes without rclpy's default event handlers, which would double the cost of each wait of an executor."""
+"""Nodes without rclpy's default event handlers, which would double the cost of each wait, and that end in time."""
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
+#: how long ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
+_LONGEST_END_S = 10.0
+
+
+@contextlib.contextmanager
+def ends_in_time() -> Iterator[None]:
+    """Let ROS leave the graph, or end the process by SIGALRM.
+
+    Fast DDS can spin for ever when it hears of another participant while it destroys its own
+    (eProsima/Fast-DDS#6513), with the interpreter's lock held: then no handler of Python runs, and SIGINT and SIGTERM
+    do nothing. An alarm without a handler ends the process all the same.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    timer = signal.setitimer(signal.ITIMER_REAL, _LONGEST_END_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, handler or signal.SIG_DFL)
+
 
 class LightNode:
     """Mixin before ``Node``: publishers and subscriptions have only the event handlers that are asked for.
+
+    What a subclass has to finish, it finishes before ``super().destroy_node()``, which ends in time.
 
     By default rclpy adds two waitables to each, which log incompatible QoS (``ros2 topic info -v`` shows it, too), and
     builds every wait set from all of them: 44 of the supervisor's 78 entities.
@@ -25,3 +54,8 @@ class LightNode:
         if options.get("event_callbacks") is None:
             options["event_callbacks"] = SubscriptionEventCallbacks(use_default_callbacks=False)
         return super().create_subscription(*arguments, **options)  # type: ignore[misc]
+
+    def destroy_node(self) -> None:
+        """As ``Node.destroy_node``, but see :func:`ends_in_time`."""
+        with ends_in_time():
+            super().destroy_node()  # type: ignore[misc]

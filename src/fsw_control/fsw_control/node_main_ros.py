@@ -17,6 +17,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.utilities import get_default_context, remove_ros_args
 
+from fsw_control.light_node_ros import ends_in_time
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import ParameterSpec, Source, load_source
 
@@ -136,9 +137,10 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             if node is not None:
                 node.destroy_node()
             context = get_default_context()
-            rclpy.try_shutdown()
-            # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
-            context.destroy()
+            with ends_in_time():
+                rclpy.try_shutdown()
+                # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
+                context.destroy()
     return 0
 
 

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 from fsw_control import messages_ros as convert
+from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
@@ -27,7 +28,7 @@ _REPORT_S = 1.0
 _PREFIX = "fsw_"
 
 
-class ProcedureNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Hears set-points in force, the supervisor's state and parameters of controllers.
 
     Raises

@@ -18,6 +18,7 @@ from rclpy.time import Time
 from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from fsw_control.light_node_ros import LightNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
@@ -39,7 +40,7 @@ _STALL_NS = 50_000_000
 _DELIVERY_S = 2.0
 
 
-class ReplayNode(Node):  # type: ignore[misc]
+class ReplayNode(LightNode, Node):  # type: ignore[misc]
     """Node that plays a bag; see ``replay.yaml`` for its parameters.
 
     Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``, ``~/get_rate``,
