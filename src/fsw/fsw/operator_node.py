@@ -15,6 +15,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
@@ -137,7 +138,8 @@ def graph_text(node: Operator) -> str:
 def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
     """Join the graph of ``--namespace`` as ``fsw_operator`` for as long as the context lasts."""
     try:
-        rclpy.init(args=[])
+        # Ctrl-C must leave the graph reachable: whoever is interrupted aborts what it has begun
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
         raise CommandError(str(error)) from None
     try:
