@@ -49,7 +49,8 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
     outcome.assert_sources(in_command)
-    assert [phase for phase, _ in itertools.groupby(report.phase for report in reports)] == PHASES
+    phases = [phase for phase, _ in itertools.groupby(report.phase for report in reports)]
+    assert phases == PHASES[PHASES.index(phases[0]) :], "the first may be over before this node has been found"
     lengths = [report.length for report in reports]
     assert lengths == sorted(lengths)
     assert lengths[-1] == pytest.approx(radians(2.0) * units.m_from_mm(CANISTER_DIAMETER_MM) / 2.0)

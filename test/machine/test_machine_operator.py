@@ -60,6 +60,7 @@ def test_operator_is_told_that_commands_do_not_reach_the_machine_and_why(weld, d
 @pytest.mark.full
 def test_operator_is_told_of_a_foreign_writer(weld, desk):
     rogue = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
+    weld.until(lambda: weld.depths, "a depth")
 
     def command():
         rogue.publish(WeldCommand(header=weld.depths[-1].header, source="rogue", healthy=True))

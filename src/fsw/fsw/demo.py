@@ -111,6 +111,8 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     if not parsed.scenario and len(controllers) > 1:
         names.append(SWAP_SCENARIO)
     scenarios = [load(name) for name in names]
+    if parsed.realtime and not middleware_is_here():
+        raise CommandError("--realtime needs ROS 2: see docs/how-to/install.md")
     began = time.monotonic()
     folder = new_folder(parsed.out, "demo")
     if not middleware_is_here():

@@ -25,7 +25,10 @@ def test_without_middleware_the_weld_runs_in_one_process(tmp_path: Path, capsys:
     assert not list(tmp_path.rglob("*.mcap"))
 
 
-def test_the_page_needs_the_middleware(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert demo.main(["--live", "--out", str(tmp_path / "out")]) == 1
-    assert "--live needs ROS 2: see docs/how-to/install.md" in capsys.readouterr().err
+@pytest.mark.parametrize("option", ["--live", "--realtime"])
+def test_page_and_wall_clock_need_the_middleware(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo.main([option, "--out", str(tmp_path / "out")]) == 1
+    assert f"{option} needs ROS 2: see docs/how-to/install.md" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
