@@ -320,9 +320,15 @@ class Weld(Spinner):
     # ---- what came of it
 
     def outcome(self, first):
-        """From truth number ``first`` on; the last ticks are left out, their commands may be on the way."""
+        """From truth number ``first`` on; the last ticks are left out, their commands may be on the way.
+
+        In lockstep commands may arrive here long after the plant has taken them, while truths overtake them.
+        """
         truths = self.truths[first:-3]
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in truths]
+        if self.lockstep:
+            end_s = time.monotonic() + 10.0  # what ends without commands never gets them
+            self.until(lambda: max(self.commands, default=-1) >= stamps[-1] or time.monotonic() > end_s)
         moves = []  # pairs: what acts or was commanded, and the command that follows
         commands = [self.commands.get(stamp) for stamp in stamps]
         for k, (before, after) in enumerate(itertools.pairwise(commands), 1):
