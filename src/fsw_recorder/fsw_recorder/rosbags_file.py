@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
 from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mcap.records import Attachment
@@ -16,6 +20,27 @@ from fsw_recorder.topic import BagRecord, RecordedTopic
 _MOST = 2**63 - 1
 
 
+@contextmanager
+def with_its_log(path: Path) -> Iterator[Path]:
+    """A copy of a sqlite3 file with what is in its write-ahead log; the file itself where there is no log.
+
+    rosbag2's preset ``resilient`` writes such a log, and one that was killed leaves most of its messages in it.
+    """
+    log = path.with_name(f"{path.name}-wal")
+    if not path.is_file() or not log.is_file() or not log.stat().st_size:
+        yield path
+        return
+    with TemporaryDirectory(prefix="fsw_bag_") as folder:
+        copy = Path(folder) / path.name
+        for original in (path, log):
+            shutil.copyfile(original, copy.with_name(original.name))
+        with closing(
+            sqlite3.connect(copy)
+        ) as database:  # moves the log into the file, as the last one to close it does
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        yield copy
+
+
 class RosbagsFile:
     """One sqlite3 file, or the folder of a bag compressed by file or message, with what `McapFile` has."""
 
@@ -26,18 +51,24 @@ class RosbagsFile:
         self.fraction = 0.0
         if path.is_file() and not path.stat().st_size:
             raise BagError(f"{path}: the file is empty")
+        self._stack = ExitStack()
         try:
-            self._reader: Any = Reader(path)
+            whole = self._stack.enter_context(with_its_log(path))
+            if whole != path:
+                self._add_problem("was not closed; the messages in its write-ahead log are read, too")
+            self._reader: Any = Reader(whole)
             self._reader.open()
+            self._stack.callback(self._reader.close)
             self._connections = list(self._reader.connections)
             if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
                 raise ValueError("its table of topics has unexpected content")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
+            self._stack.close()
             raise BagError(f"{path}: not a {storage} bag, or damaged: {error}") from None
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self._stack.close()
 
     def topics(self) -> list[RecordedTopic]:
         """All topics."""

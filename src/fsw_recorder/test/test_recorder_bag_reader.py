@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import sqlite3
 import struct
 from pathlib import Path
 
@@ -101,6 +102,37 @@ def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMod
         info = reader.info()
     assert (info.message_count, info.storage, info.problems) == (99, storage.name.lower(), [])
     assert info.size_bytes == sum(file.stat().st_size for file in (tmp_path / "bag").glob("bag*"))
+
+
+@pytest.mark.parametrize("in_the_file", [0, 60])
+def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(
+    genuine: Path, tmp_path: Path, in_the_file: int
+) -> None:
+    """As rosbag2's preset ``resilient`` leaves them; the bag itself may be where nobody can write."""
+    whole, killed = genuine / "sqlite3" / "sqlite3_0.db3", tmp_path / "killed.db3"
+    source, writer = sqlite3.connect(whole), sqlite3.connect(tmp_path / "open.db3", isolation_level=None)
+    tables = [sql for (sql,) in source.execute("SELECT sql FROM sqlite_master")]
+    rows = list(source.execute("SELECT * FROM messages"))
+    writer.execute("PRAGMA journal_mode=WAL")
+    writer.execute("PRAGMA wal_autocheckpoint=0")
+    for sql in tables:
+        writer.execute(sql)
+    for table in ("schema", "metadata", "topics", "message_definitions"):
+        for row in source.execute(f"SELECT * FROM {table}"):
+            writer.execute(f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})", row)
+    for number, row in enumerate(rows):
+        if number == in_the_file > 0:
+            writer.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        writer.execute("INSERT INTO messages VALUES (?,?,?,?)", row)
+    for suffix in ("", "-wal"):
+        shutil.copyfile(tmp_path / f"open.db3{suffix}", f"{killed}{suffix}")
+    left = {path.name: path.read_bytes() for path in tmp_path.glob("killed*")}
+    with BagReader(killed) as reader, BagReader(whole) as expected:
+        assert [*reader.records()] == [*expected.records()]
+        assert len(reader.problems) == 1 and "write-ahead log" in reader.problems[0]
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("killed*")} == left
+    source.close()
+    writer.close()
 
 
 def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> None:
