@@ -82,7 +82,7 @@ class TopicSelection:
             return False
         if self.regex:
             return re.fullmatch(self.regex, topic) is not None
-        return not self.topics and self._is_own(topic)
+        return not self.topics and (not self.namespace or self._is_own(topic))
 
     def _is_own(self, topic: str) -> bool:
         """Whether the topic is in the namespace, but of no weld below it, or shared by the domain, as ``/clock``."""

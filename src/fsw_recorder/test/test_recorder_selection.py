@@ -70,6 +70,12 @@ def test_selection(selection: TopicSelection, taken: set[str]) -> None:
     assert {name for name in ("/a", "/b/c", "/_h/x") if selection.takes(name)} == taken
 
 
+@given(st.text())
+def test_without_rules_every_topic_of_whatever_name_is_selected(name: str) -> None:
+    """Bags of others have topics without the slash at the beginning."""
+    assert TopicSelection(include_hidden=True).takes(name)
+
+
 def test_broken_expression() -> None:
     with pytest.raises(BagError, match="regular expression"):
         TopicSelection(regex="(")
