@@ -106,16 +106,30 @@ def read_metadata(folder: Path) -> BagMetadata:
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        information = load_yaml(raw.decode())[_ROOT]
-        names = information["relative_file_paths"]
-        if not isinstance(names, list):
-            raise TypeError("relative_file_paths is not a list")
-        return BagMetadata(
-            files=[Path(str(name)).name for name in names],
-            storage=str(information.get("storage_identifier") or ""),
-            is_compressed=str(information.get("compression_mode") or "none").lower() != "none",
-            ros_distro=str(information.get("ros_distro") or ""),
-            custom_data={str(key): str(value) for key, value in dict(information.get("custom_data") or {}).items()},
-        )
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        return _metadata(load_yaml(raw.decode())[_ROOT])
+    except _NO_METADATA as error:
         raise BagError(f"{path}: not the metadata of a rosbag2 bag: {' '.join(str(error).split())[:200]}") from None
+
+
+def metadata_inside(text: str) -> BagMetadata:
+    """The metadata that a recorder has put into an MCAP file; empty when they are not rosbag2's."""
+    try:
+        return _metadata(load_yaml(text))
+    except _NO_METADATA:
+        return BagMetadata()
+
+
+_NO_METADATA = (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError)
+
+
+def _metadata(information: Any) -> BagMetadata:
+    names = information["relative_file_paths"]
+    if not isinstance(names, list):
+        raise TypeError("relative_file_paths is not a list")
+    return BagMetadata(
+        files=[Path(str(name)).name for name in names],
+        storage=str(information.get("storage_identifier") or ""),
+        is_compressed=str(information.get("compression_mode") or "none").lower() != "none",
+        ros_distro=str(information.get("ros_distro") or ""),
+        custom_data={str(key): str(value) for key, value in dict(information.get("custom_data") or {}).items()},
+    )

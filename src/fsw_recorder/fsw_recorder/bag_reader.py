@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mcap.records import Attachment
 
-from fsw_recorder.bag_metadata import BagMetadata, read_metadata
+from fsw_recorder.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_file import McapFile
 from fsw_recorder.rosbags_file import RosbagsFile
@@ -92,6 +92,9 @@ class BagReader:
             self.close()
             raise BagError("; ".join(failures))
         self.problems += failures
+        for part in self._parts:  # a bag's folder may have been lost, and its metadata with it
+            self.metadata.custom_data = part.metadata.custom_data | self.metadata.custom_data
+            self.metadata.ros_distro = self.metadata.ros_distro or part.metadata.ros_distro
 
     def _add_problem(self, problem: str) -> None:
         if problem not in self.problems:
@@ -117,8 +120,12 @@ class BagReader:
         for name in self.metadata.files:
             if name not in present:
                 self._add_problem(f"{self.path}: {name} is missing")
-        listed = [name for name in self.metadata.files if name in present]
-        return [present[name] for name in dict.fromkeys([*listed, *sorted(present, key=_natural)])]
+        listed = [name for name in dict.fromkeys(self.metadata.files) if name in present]
+        if not listed:  # there is no metadata.yaml, or the files have been renamed
+            return [present[name] for name in sorted(present, key=_natural)]
+        for name in sorted(present.keys() - {*listed}, key=_natural):
+            self._add_problem(f"{self.path}: {name} is not in {METADATA_NAME} and left out")
+        return [present[name] for name in listed]
 
     def _open_file(self, file: Path) -> McapFile | RosbagsFile:
         if file.suffix == ".mcap" and file.is_file():

@@ -21,9 +21,10 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
+from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
@@ -64,6 +65,8 @@ class McapFile:
 
     def __init__(self, path: Path, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
+        #: what a recorder has put into the file of the bag's metadata: nothing, if the file was not finished
+        self.metadata = BagMetadata()
         self.fraction = 0.0
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
         self._schemas: dict[int, Schema] = {}
@@ -108,7 +111,7 @@ class McapFile:
                     run.start_ns, run.end_ns, run.end = min(run.start_ns, log_time), max(run.end_ns, log_time), end
             elif opcode == Opcode.DATA_END:
                 is_finished = self._data[-len(MAGIC) :] == MAGIC
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT):
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT, Opcode.METADATA):
                 self._take(opcode, self._data[begin:end])
         if not is_finished and is_whole:
             self._add_problem(f"not finished (recorder killed or disk full?); read up to byte {at}")
@@ -123,6 +126,10 @@ class McapFile:
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 self._channels[channel.id] = channel
+            elif opcode == Opcode.METADATA:
+                record = Metadata.read(stream)
+                if record.name == "rosbag2":
+                    self.metadata = metadata_inside(record.metadata.get("serialized_metadata", ""))
             else:
                 attachment = Attachment.read(stream)
                 if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little") != 0:

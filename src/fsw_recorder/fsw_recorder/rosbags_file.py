@@ -13,6 +13,7 @@ from typing import Any
 from mcap.records import Attachment
 from rosbags.rosbag2 import Reader
 
+from fsw_recorder.bag_metadata import BagMetadata
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
@@ -47,6 +48,7 @@ class RosbagsFile:
     def __init__(self, path: Path, add_problem: Callable[[str], None], storage: str) -> None:
         self.storage = storage
         self.attachments: list[Attachment] = []
+        self.metadata = BagMetadata()  #: there are none inside
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
         self.fraction = 0.0
         if path.is_file() and not path.stat().st_size:

@@ -12,6 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.qos import is_latched
 from fsw_test_support.bags import decode, decoder
@@ -142,6 +143,33 @@ def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> N
     with BagReader(bag) as reader:
         assert len(list(reader.records())) == 81 + 16
         assert any("mcap_split_1.mcap is missing" in problem for problem in reader.problems)
+
+
+def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(genuine: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(genuine / "mcap_split", bag)
+    shutil.copy(genuine / "mcap_default" / "mcap_default_0.mcap", bag / "of another weld.mcap")
+    with BagReader(bag) as reader, BagReader(genuine / "mcap_split") as expected:
+        assert [*reader.records()] == [*expected.records()]
+        assert len(reader.problems) == 1 and "of another weld.mcap" in reader.problems[0]
+
+
+def test_a_file_that_was_renamed_is_read(genuine: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(genuine / "mcap_default", bag)
+    (bag / "mcap_default_0.mcap").rename(bag / "weld 12.mcap")
+    with BagReader(bag) as reader, BagReader(genuine / "mcap_default") as expected:
+        assert [*reader.records()] == [*expected.records()]
+
+
+def test_custom_data_are_found_in_the_file_alone(tmp_path: Path) -> None:
+    custom = {"canister": "c-12", "tool": "t 7"}
+    with BagWriter(tmp_path / "bag", custom_data=custom) as writer:
+        writer.write("/a", b"\0\1\0\0", 1, 1)
+    shutil.copy(tmp_path / "bag" / "bag_0.mcap", tmp_path / "alone.mcap")
+    with BagReader(tmp_path / "alone.mcap") as reader:
+        assert reader.info().custom_data == custom
+        assert reader.info().ros_distro == "jazzy"
 
 
 @pytest.mark.parametrize(
