@@ -20,6 +20,8 @@ from fsw_recorder.topic import BagRecord, RecordedTopic
 __all__ = ["BagInfo", "BagReader", "BagRecord"]
 
 FOREVER_NS = 2**64
+#: receive times that stand for none
+_UNKNOWN_NS = (0, FOREVER_NS - 1)
 SUFFIXES = (".mcap", ".db3")
 #: progress is reported every so many messages
 _PROGRESS_STEP = 8192
@@ -30,7 +32,7 @@ class BagInfo:
     """Summary of a bag, counted from its messages, not from its metadata.
 
     `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first
-    and the last message (0 without messages).
+    and the last message whose time is known (0 without such).
     """
 
     path: Path
@@ -165,19 +167,24 @@ class BagReader:
         if self._info is not None and note is None:
             return self._info
         counts: Counter[str] = Counter()
-        start, end = FOREVER_NS, 0
+        start, end, unknown = FOREVER_NS, 0, 0
         for record in self.records(progress=progress):
             counts[record.topic] += 1
-            start, end = min(start, record.log_time_ns), max(end, record.log_time_ns)
+            if record.log_time_ns in _UNKNOWN_NS:
+                unknown += 1
+            else:
+                start, end = min(start, record.log_time_ns), max(end, record.log_time_ns)
             if note is not None:
                 note(record)
+        if unknown:
+            self._add_problem(f"{self.path}: {unknown} messages have no receive time")
         files = [self.path / name for name in self.metadata.files] if self.metadata.is_compressed else self._paths
         self._info = BagInfo(
             path=self.path,
             storage=self._parts[0].storage,
             files=[file.name for file in files],
             size_bytes=sum(file.stat().st_size for file in files),
-            start_ns=start if counts else 0,
+            start_ns=start if end else 0,
             end_ns=end,
             topics=sorted(self.topics().values(), key=lambda topic: topic.name),
             counts=dict(counts),

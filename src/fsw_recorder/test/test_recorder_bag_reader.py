@@ -162,6 +162,17 @@ def test_a_file_that_was_renamed_is_read(genuine: Path, tmp_path: Path) -> None:
         assert [*reader.records()] == [*expected.records()]
 
 
+@pytest.mark.parametrize("unknown_ns", [0, 2**64 - 1])
+def test_a_receive_time_that_is_not_known_is_not_the_begin_or_end_of_a_bag(tmp_path: Path, unknown_ns: int) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for time_ns in (10**18, unknown_ns, 10**18 + 5):
+            writer.write("/a", b"\0\1\0\0", time_ns, time_ns)
+    with BagReader(tmp_path / "bag") as reader:
+        info = reader.info()
+    assert (info.start_ns, info.end_ns, info.message_count) == (10**18, 10**18 + 5, 3)
+    assert len(info.problems) == 1 and "1 messages have no receive time" in info.problems[0]
+
+
 def test_custom_data_are_found_in_the_file_alone(tmp_path: Path) -> None:
     custom = {"canister": "c-12", "tool": "t 7"}
     with BagWriter(tmp_path / "bag", custom_data=custom) as writer:
