@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from numbers import Real
 from operator import attrgetter
@@ -78,14 +79,21 @@ class WeldMessages:
     def __init__(self, path: Path | str, progress: Callable[[float], None] | None = None) -> None:
         self.path = Path(path)
         raw: dict[str, list[tuple[int, int, bytes]]] = {}
+        others: Counter[str] = Counter()
         with BagReader(path) as reader:
+            first = reader.topics()
             for record in reader.records(progress=progress):
+                if record.topic in first and record.type_name != first[record.topic].type_name:
+                    others[record.topic] += 1
+                    continue
                 # predictions are only counted
                 data = b"" if record.topic.endswith("/prediction") else record.data
                 raw.setdefault(record.topic, []).append((record.log_time_ns, record.publish_time_ns, data))
             topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
             self.problems = list(reader.problems)
+        for name, count in others.items():
+            self.problems.append(f"{name}: {count} messages of another type than {topics[name].type_name} are left out")
         self._definitions = Definitions()
         if not raw:
             raise BagError("; ".join([f"{path}: the bag holds no messages", *self.problems]))
