@@ -20,6 +20,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.interface_text import definition_of
 from fsw_schema.yaml_text import load_yaml
 
 Kind = Literal["number", "text", "numbers", "texts"]
@@ -118,16 +119,15 @@ class WeldMessages:
         if topic is None or not raw:
             return
         try:
-            if topic.encoding != "cdr" or not topic.definition:
-                raise BagError(f"the bag holds no definition of {topic.type_name or 'its type'}; left out")
-            self._definitions.typestore(topic.type_name, topic.definition)
+            definition = definition_of(topic)
+            self._definitions.typestore(topic.type_name, definition)
         except BagError as error:
-            self.problems.append(f"{name}: {error}")
+            self.problems.append(f"{name}: {error}; left out")
             return
         damaged = 0
         for log_ns, publish_ns, data in raw:
             try:
-                message = self._definitions.decode(topic.type_name, topic.definition, data)
+                message = self._definitions.decode(topic.type_name, definition, data)
             except BagError:
                 damaged += 1
             else:

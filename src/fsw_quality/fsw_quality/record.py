@@ -29,6 +29,7 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
 from fsw_schema.models import InputError, Many, Model, content_of, validate
 
@@ -283,12 +284,13 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     topic = reader.topics().get(_DIAGNOSTICS)
     if topic is None:
         return []
+    definition = definition_of(topic)
     definitions, found, before, welded_by = Definitions(), [], "", ""
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"  # other welds of the domain have theirs
     for record in reader.records([_DIAGNOSTICS]):
         if name.encode() not in record.data:
             continue
-        message = definitions.decode(record.type_name, topic.definition, record.data)
+        message = definitions.decode(record.type_name, definition, record.data)
         line = next((one for one in message.status if one.name == name), None)
         if line is None:
             continue

@@ -12,6 +12,7 @@ from typing import Any
 
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
+from fsw_recorder.topic import RecordedTopic
 
 _SEPARATOR = "=" * 80
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+", re.MULTILINE)
@@ -35,6 +36,29 @@ def interface_hash(type_name: str) -> str:
         return "" if definition is None else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
     except Exception:  # of a kind that rosbags cannot describe
         return ""
+
+
+def definition_of(topic: RecordedTopic) -> str:
+    """``ros2msg`` text of a topic's type: that of the bag or, where it has none that can be used, the installed one.
+
+    Bags of Foxy and Humble in sqlite3 have none, and others may have an empty schema or IDL.
+
+    Raises
+    ------
+    BagError
+        Neither is there, or the installed one is another version, by its hash.
+    """
+    if topic.encoding != "cdr":
+        raise BagError(f"its encoding {topic.encoding!r} is not CDR")
+    if topic.definition and topic.definition_encoding == "ros2msg":
+        return topic.definition
+    installed = interface_definition(topic.type_name)
+    if not installed:
+        name = topic.type_name or "its type"
+        raise BagError(f"the bag holds no definition of {name} that can be read, and none is installed")
+    if topic.type_hash and topic.type_hash != interface_hash(topic.type_name):
+        raise BagError(f"the bag holds no definition of {topic.type_name}, and the installed one is another version")
+    return installed
 
 
 def message_class(type_name: str) -> Any:

@@ -10,7 +10,7 @@ import pytest
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.definitions import Definitions
-from fsw_recorder.interface_text import interface_definition
+from fsw_recorder.interface_text import definition_of
 from fsw_test_support.sample_weld import write_sample_weld
 
 #: bags of genuine ``ros2 bag record``
@@ -43,9 +43,7 @@ def decoder(reader: BagReader) -> Callable[[BagRecord], Any]:
     topics, definitions = reader.topics(), Definitions()
 
     def message(record: BagRecord) -> Any:
-        topic = topics[record.topic]
-        in_bag = topic.definition if topic.definition_encoding == "ros2msg" else ""
-        return definitions.decode(record.type_name, in_bag or interface_definition(record.type_name), record.data)
+        return definitions.decode(record.type_name, definition_of(topics[record.topic]), record.data)
 
     return message
 
