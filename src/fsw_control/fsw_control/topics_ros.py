@@ -21,7 +21,7 @@ from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 #: to subscribe to samples: a slow node skips to the latest ones
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: To publish samples and simulated time: they are kept until they have arrived. Lockstep, at several hundred ticks/s,
-#: does not wait for the recorder, which may stand still for 0.2 s on a busy machine and must not miss any.
+#: waits for the recorder only now and then; it may stand still for 0.2 s on a busy machine and must not miss any.
 SENT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for late joiners
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)

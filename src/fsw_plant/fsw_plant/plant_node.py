@@ -9,6 +9,7 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
@@ -41,6 +42,8 @@ from fsw_schema.models import InputError
 _WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
+#: lockstep waits for slow subscribers after so many ticks: fewer than any publisher keeps messages (``REPLACED``)
+_ARRIVAL_TICKS = 50
 
 
 class PlantNode(ManagedNode):
@@ -82,6 +85,7 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Make sure that the plant is alone, and begin to tick once all are there."""
         self._pace = Lockstep()
+        self._arrived = True  #: whether all subscribers had what was sent when that was last looked at
         self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
@@ -219,10 +223,30 @@ class PlantNode(ManagedNode):
     def _go_on(self) -> None:
         """Begin the next tick of lockstep, if nothing of this one is waited for."""
         if self._running and self._pace.complete:
+            if self._plant.tick % _ARRIVAL_TICKS == 0:
+                self._await_arrival()
             self._next_tick()
+
+    def _await_arrival(self) -> None:
+        """Wait until all subscribers have what was sent; the recorder, whom no tick waits for, must miss nothing.
+
+        A subscriber that stands still for too long is not waited for again before it has caught up.
+        """
+        timeout_s = self._settings["lockstep_timeout_s"] if self._arrived else 0.0
+        end_s = time.monotonic() + timeout_s
+        before, self._arrived = (
+            self._arrived,
+            all(
+                publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
+                for publisher in self.publishers
+            ),
+        )
+        if before and not self._arrived:
+            self.get_logger().warning(f"tick {self._plant.tick}: a subscriber does not receive; continuing without it")
 
     def _go_on_without_player(self) -> None:
         self._pace.player_present = False
+        self._await_arrival()  # whoever started the weld may end this process now
         self._go_on()
 
     # ---------------------------------------------------------------- watching

@@ -3,12 +3,15 @@
 import math
 import os
 import random
+import signal
 import subprocess
 import sys
 import time
 from itertools import pairwise
 
 import pytest
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from fsw_control import Command
@@ -110,9 +113,15 @@ def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(gra
     assert (seen["not_finite"], seen["out_of_range"], seen["unhealthy"]) == (2, 2, 1)
 
 
-def test_lockstep_waits_for_a_player_while_there_is_one(graph):
-    """What a player sends before a tick, is heard before it: else the same scenario would not give the same weld."""
-    ready = None
+def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
+    """What a player sends before a tick, is heard before it: else the same scenario would not give the same weld.
+
+    When it leaves, the weld may be over: before the plant is ended, all must have arrived.
+    """
+    ready, awaited, wait = None, [], Publisher.wait_for_all_acked
+    monkeypatch.setattr(
+        Publisher, "wait_for_all_acked", lambda *given: awaited.append(graph.plant._plant.tick) or wait(*given)
+    )
 
     def answer(tick, stamp):
         if ready is not None and tick <= 8:
@@ -130,8 +139,10 @@ def test_lockstep_waits_for_a_player_while_there_is_one(graph):
     for _ in range(20):
         graph.spin()
     assert len(truth) == 9
+    assert awaited == []
     graph.peer.node.destroy_publisher(ready)
     graph.until(lambda: len(truth) > 15)
+    assert set(awaited) == {9}
 
 
 def test_lockstep_goes_on_without_a_player_that_hangs(graph):
@@ -146,6 +157,70 @@ def test_lockstep_goes_on_without_a_player_that_hangs(graph):
 
     truth = graph.start(speed=0.0, lockstep_timeout_s=0.3, answer=answer).got["truth"]
     graph.until(lambda: len(truth) > 30)
+
+
+#: receives fsw/depth up to a stamp in seconds, and prints how many ticks are missing between the first and the last
+LISTENER = """
+import sys
+import rclpy
+from fsw_control.topics_ros import SENT
+from fsw_msgs.msg import ShoulderDepth
+rclpy.init()
+node, ticks = rclpy.create_node("listener"), []
+def take(depth):
+    ticks.append(depth.header.stamp.sec * 10 + depth.header.stamp.nanosec // 100_000_000)
+node.create_subscription(ShoulderDepth, "fsw/depth", take, SENT)
+while not ticks or ticks[-1] < int(sys.argv[1]):
+    rclpy.spin_once(node)
+print(ticks[-1] - ticks[0] + 1 - len(ticks))
+"""
+
+
+def test_lockstep_waits_for_a_subscriber_that_stands_still(graph, monkeypatch):
+    """A recorder on a busy machine, which is no part of the tick, would miss what its publishers no longer keep."""
+    last, wait = 1500, Publisher.wait_for_all_acked
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, "-c", LISTENER, str(last)]
+    listener = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+    def arrived(publisher, timeout):
+        if not wait(publisher, Duration()):
+            listener.send_signal(signal.SIGCONT)
+        return wait(publisher, timeout)
+
+    def answer(tick, stamp):
+        if tick == 20:
+            listener.send_signal(signal.SIGSTOP)
+        if tick == last:
+            listener.send_signal(signal.SIGCONT)
+        elif tick > 1:
+            graph.peer.command(stamp)
+
+    monkeypatch.setattr(Publisher, "wait_for_all_acked", arrived)
+    try:
+        peer = graph.start(speed=0.0, answer=answer)
+        graph.until(lambda: graph.plant.count_subscribers("fsw/depth") == 2)
+        peer.command(peer.got["depth"][0].header.stamp)
+        graph.until(lambda: len(peer.got["temperature"]) >= last)
+        graph.until(lambda: listener.poll() is not None)  # what was lost is sent again meanwhile
+        assert int(listener.stdout.read()) == 0
+    finally:
+        listener.kill()
+        listener.communicate()
+
+
+def test_lockstep_waits_once_for_a_subscriber_that_hangs(graph, monkeypatch):
+    waited_ns = []
+
+    def never(publisher, timeout):
+        waited_ns.append(timeout.nanoseconds)
+        return False
+
+    monkeypatch.setattr(Publisher, "wait_for_all_acked", never)
+    graph.start(speed=0.0, answer=lambda tick, stamp: graph.peer.command(stamp))
+    graph.until(lambda: len(waited_ns) == 3)
+    assert waited_ns[0] > 0
+    assert waited_ns[1:] == [0, 0]
 
 
 def counts(peer):
