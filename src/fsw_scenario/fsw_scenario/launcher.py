@@ -66,7 +66,7 @@ class Launcher:
     it joins the nodes of all domains into one graph.
     """
 
-    def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:
+    def __init__(self, log_folder: Path, domain: int, patience_s: float = 15.0) -> None:
         self.log_folder, self.domain = log_folder, domain
         self.children: dict[str, Child] = {}
         self._patience_s = patience_s

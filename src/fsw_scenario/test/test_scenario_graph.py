@@ -1,11 +1,13 @@
 """Parameters of the processes of a weld."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
+from fsw_scenario.launcher import LaunchError
 from fsw_scenario.scenario_file import parse
 
 SECTION = "{ros__parameters: {deadline_s: 0.07}}"
@@ -43,3 +45,33 @@ def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_n
     assert nodes.pop("fsw_watch")["ros__parameters"] == {"process": "canister", "use_sim_time": True}
     assert nodes["fsw_recorder"]["ros__parameters"].pop("attach") == ["limits.yaml"]
     assert nodes == usual
+
+
+class EndedWeld:
+    """A launcher of processes whose weld has been played to its end; ``codes`` are exit codes other than 0."""
+
+    def __init__(self, **codes):
+        self.children, self.codes, self.log_folder = {}, codes, Path("log")
+
+    def start(self, name, module, arguments=()):
+        status = {"tick": 50, "finished": True, "wall_s": 1.5}
+        child = SimpleNamespace(running=False, process=SimpleNamespace(returncode=0), status=lambda: status)
+        self.children[name] = child
+        return child
+
+    def wait_until(self, condition, timeout_s, what, watch=None):
+        assert condition()
+
+    def stop(self, *names):
+        return {name: self.codes.get(name, 0) for name in names or self.children}
+
+
+def test_a_process_that_has_to_be_killed_after_the_weld_is_noted(tmp_path, capsys):
+    graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), tmp_path)
+    assert graph.run(EndedWeld(recorder=-9, supervisor=-15)) == 1.5
+    notes = capsys.readouterr().err.splitlines()
+    assert len(notes) == 2
+    assert "recorder" in notes[0]
+    assert "SIGKILL" in notes[0]
+    with pytest.raises(LaunchError, match="recorder with exit code 1"):  # the bag could not be written
+        graph.run(EndedWeld(recorder=1, supervisor=-15))
