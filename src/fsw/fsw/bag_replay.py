@@ -23,7 +23,7 @@ _NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
 _TOLERANCE = 1e-9
 #: exit code when all replayed controllers agree, but one of the bag could not be replayed
 _LEFT_OUT = 3
-#: exit code when proposals differ, but only those of controllers whose state at the beginning is unknown
+#: exit code when proposals differ, but only those of controllers whose inputs are not known for certain
 _NOT_COMPARABLE = 4
 
 
@@ -48,7 +48,7 @@ _NOT_COMPARABLE = 4
     description="Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
     "ones. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed; "
     f"{_LEFT_OUT}: equal, but a controller of the bag is unknown here and was skipped; "
-    f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld.",
+    f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld or its stamps go back.",
 )
 def verify(arguments: argparse.Namespace) -> int:
     messages = read_messages(arguments.bag)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from numbers import Real
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ import yaml
 from fsw_analysis.weld_signals import IntArray
 from fsw_control import contract
 from fsw_control.units import NANOSECONDS
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_reader import UNKNOWN_NS, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
@@ -26,6 +27,9 @@ from fsw_schema.yaml_text import load_yaml
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
 Column = npt.NDArray[Any]
+
+#: a message that was lost and sent again is received up to so much later than the ones after it (chosen)
+_LATE_NS = 10 * NANOSECONDS
 
 #: what a field of a kind is once decoded, and what stands for it where the type has no such field
 _KINDS: dict[Kind, tuple[type, Any]] = {
@@ -60,6 +64,12 @@ class Table:
         """Values of a field."""
         return self._columns[path]
 
+    def without_repetitions(self) -> Table:
+        """Of messages with one stamp, one after the other, the first."""
+        rows = np.flatnonzero(np.diff(self.stamp_ns, prepend=-1))
+        times = np.column_stack((self.log_ns, self.publish_ns, self.stamp_ns))[rows]
+        return Table(times.tolist(), {path: column[rows] for path, column in self._columns.items()})
+
 
 class WeldMessages:
     """All messages of the one weld in a bag.
@@ -81,20 +91,35 @@ class WeldMessages:
         self.path = Path(path)
         raw: dict[str, list[tuple[int, int, bytes]]] = {}
         others: Counter[str] = Counter()
+        known: set[int] = set()
+        repeated = untimed = 0
         with BagReader(path) as reader:
             first = reader.topics()
             for record in reader.records(progress=progress):
                 if record.topic in first and record.type_name != first[record.topic].type_name:
                     others[record.topic] += 1
                     continue
+                key = hash((record.topic, record.publish_time_ns, record.data))
+                if key in known:
+                    repeated += 1
+                    continue
+                known.add(key)
+                log_ns = record.log_time_ns
+                if log_ns in UNKNOWN_NS:
+                    untimed += 1
+                    log_ns = record.publish_time_ns
                 # predictions are only counted
                 data = b"" if record.topic.endswith("/prediction") else record.data
-                raw.setdefault(record.topic, []).append((record.log_time_ns, record.publish_time_ns, data))
+                raw.setdefault(record.topic, []).append((log_ns, record.publish_time_ns, data))
             topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
             self.problems = list(reader.problems)
         for name, count in others.items():
             self.problems.append(f"{name}: {count} messages of another type than {topics[name].type_name} are left out")
+        if repeated:
+            self.problems.append(f"{path}: {repeated} messages are in the bag again and left out")
+        if untimed:
+            self.problems.append(f"{path}: {untimed} messages have no receive time; their publish time stands for it")
         self._definitions = Definitions()
         if not raw:
             raise BagError("; ".join([f"{path}: the bag holds no messages", *self.problems]))
@@ -107,6 +132,12 @@ class WeldMessages:
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
         #: log time, publish time and data of every message of a topic
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
+        if any(_disordered(self.raw.get(topic, [])) for topic, _ in SENSOR_FIELDS.values()):
+            self.problems.append(f"{path}: the receive times are wrong; the publish times stand for them")
+            for messages in self.raw.values():
+                messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
+        for messages in self.raw.values():
+            messages.sort(key=itemgetter(0))
 
     def controllers(self, what: str) -> dict[str, str]:
         """Topics of the controllers' messages of one kind (``proposal`` or ``status``), by the controller's name."""
@@ -158,6 +189,15 @@ class WeldMessages:
             found = values.get(path, [_KINDS[kind][1]] * len(times))
             columns[path] = np.fromiter(found, float if kind == "number" else object, len(times))
         return Table(times, columns)
+
+
+def _disordered(messages: Sequence[tuple[int, int, bytes]]) -> bool:
+    """Whether what one node has published was not received in that order, by more than a lost message is late."""
+    in_order = sorted(messages, key=itemgetter(1))
+    return any(
+        before[1] < after[1] and (before[0] == after[0] or before[0] > after[0] + _LATE_NS)
+        for before, after in pairwise(in_order)
+    )
 
 
 def _has(message: Any, path: str, kind: Kind) -> bool:

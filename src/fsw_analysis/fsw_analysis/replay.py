@@ -128,7 +128,7 @@ class Replay:
     applied: list[Recorded | None]
     #: what may keep a replay from being exact (no parameters in the bag, parameters changed on the way, …)
     notes: list[str]
-    comparable: bool  #: false when the bag begins in mid-weld, so that the controller's state then is unknown
+    comparable: bool  #: false when the bag begins in mid-weld, or does not show in which order messages came
 
     def against_own(self, title: str, tolerance: float = 0.0) -> Comparison:
         """Compare with the controller's recorded proposals, if it took part in the weld."""
@@ -203,7 +203,7 @@ def replay(
         proposals=recorded.show(controller, settings, references, stamps),
         own=recorded.own_rows()[:n],
         applied=recorded.applied_rows(stamps),
-        comparable=not recorded.in_mid_weld(name, notes),
+        comparable=recorded.comparable(name, notes),
         notes=notes,
     )
 
@@ -257,7 +257,7 @@ class _Inputs:
         missing += [] if self._sent or self._held else [SENT]
         if missing:
             raise BagError(f"{messages.path}: cannot be replayed, it has no {', '.join(missing)}")
-        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL)
+        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL).without_repetitions()
         self._stated = read_set_points(messages, f"/fsw/{name}/reference")
         self._plans = read_plans(messages)
         #: stamp and command, in order of receipt
@@ -305,12 +305,15 @@ class _Inputs:
             notes.append(f"parameters of {name} were changed at runtime; the replay uses the initial ones")
         return values, notes
 
-    def in_mid_weld(self, name: str, notes: list[str]) -> bool:
-        """Whether the controller was running before the bag begins: the first set-points that it reports are older."""
+    def comparable(self, name: str, notes: list[str]) -> bool:
+        """Whether the bag shows all that the controller knew: from its start on, and in which order."""
         before = any(0 < one.stamp_ns < self.stamps[0] for one in self._stated[:1])
-        if before:
+        if before:  # the first set-points that it reports are older
             notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
-        return before
+        back = bool((np.diff(self.stamps) < 0).any())
+        if back:
+            notes.append("the stamps go back: the plant was started again, or the receive times are wrong")
+        return not (before or back)
 
     def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
         """Set-points with the stamp of the tick from which the controller followed each, as it reported them.

@@ -2,7 +2,9 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from fsw_analysis.signals import load_weld
 from fsw_control.contract import Coming, Command, Measurement, Proposal, Reference
 from fsw_control.units import m_from_mm, n_from_kn, rad_s_from_rpm
 from fsw_recorder import BagError
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_test_support.sample_weld import SampleTypes
@@ -264,6 +266,58 @@ def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
     assert (result.ticks, result.identical, again.comparable) == (40, False, False)
     assert any("mid-weld" in note for note in again.notes)
     assert check(tmp_path / "whole").comparable
+
+
+#: which receive times a recorder has noted instead of each right one, with the publish time
+RECEIVED: dict[str, Callable[[BagRecord], list[int]]] = {
+    "all twice": lambda one: [one.log_time_ns] * 2,
+    "all twice, later": lambda one: [one.log_time_ns, one.log_time_ns + 1500],
+    "clock set back": lambda one: [one.log_time_ns - (3600 * 10**9 if one.log_time_ns > 2**60 + 200_000 else 0)],
+    "all the same": lambda one: [2**60],
+    "no time now and then": lambda one: [(0 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
+    "no time at last": lambda one: [(2**64 - 1 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
+}
+
+
+def received(source: Path, bag: Path, change: Callable[[BagRecord], list[int]], published: bool = True) -> Path:
+    """A copy of a bag with other receive times; without publish times these are the same."""
+    with BagReader(source) as reader, BagWriter(bag) as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(topic)
+        for file in reader.attachments():
+            writer.attach(file.name, file.media_type, file.data)
+        for one in reader.records():
+            for log_ns in change(one):
+                writer.write(one.topic, one.data, log_ns, one.publish_time_ns if published else log_ns)
+    return bag
+
+
+@pytest.mark.parametrize("change", RECEIVED.values(), ids=RECEIVED)
+def test_wrong_receive_times_change_nothing(tmp_path: Path, change: Callable[[BagRecord], list[int]]) -> None:
+    source = record(tmp_path / "source", begin_ns=2**60, announced=True, late_command_at=25)
+    messages = WeldMessages(received(source, tmp_path / "bag", change))
+    again = replay(messages, "simple", lambda _: Integrator())
+    result = again.against_own("simple")
+    assert (result.ticks, result.identical, len(messages.problems)) == (60, True, 1), result.lines()
+
+
+def test_without_publish_times_wrong_receive_times_cannot_be_compared(tmp_path: Path) -> None:
+    source = record(tmp_path / "source", begin_ns=2**60)
+    again = check(received(source, tmp_path / "bag", RECEIVED["clock set back"], published=False))
+    assert (again.comparable, again.against_own("simple").identical) == (False, False)
+    assert any("go back" in note for note in again.notes)
+
+
+def test_tick_that_the_plant_has_repeated_is_replayed_once(tmp_path: Path) -> None:
+    """The controller has then sent the same proposal again, without another step."""
+    source, proposals = record(tmp_path / "source", stated=True), count()
+
+    def change(one: BagRecord) -> list[int]:
+        own = one.topic == "/fsw/simple/proposal"
+        return [one.log_time_ns, one.log_time_ns + 100] if own and next(proposals) == 30 else [one.log_time_ns]
+
+    result = check(received(source, tmp_path / "bag", change, published=False)).against_own("simple")
+    assert (result.ticks, result.identical) == (60, True)
 
 
 def test_another_build_differs_from_the_start(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ __all__ = ["BagInfo", "BagReader", "BagRecord"]
 
 FOREVER_NS = 2**64
 #: receive times that stand for none
-_UNKNOWN_NS = (0, FOREVER_NS - 1)
+UNKNOWN_NS = (0, FOREVER_NS - 1)
 SUFFIXES = (".mcap", ".db3")
 #: progress is reported every so many messages
 _PROGRESS_STEP = 8192
@@ -170,7 +170,7 @@ class BagReader:
         start, end, unknown = FOREVER_NS, 0, 0
         for record in self.records(progress=progress):
             counts[record.topic] += 1
-            if record.log_time_ns in _UNKNOWN_NS:
+            if record.log_time_ns in UNKNOWN_NS:
                 unknown += 1
             else:
                 start, end = min(start, record.log_time_ns), max(end, record.log_time_ns)
