@@ -29,7 +29,7 @@ from fsw_recorder.topic import TopicSelection
 )
 def recover(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
-    stem = source.name.removesuffix(".mcap").removesuffix(".db3") or "bag"
+    stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
     target = arguments.output or source.absolute().parent / f"{stem}_recovered"
     if arguments.proven:
         return _proven(source, target, bool(arguments.zstd or arguments.regex))

@@ -53,7 +53,7 @@ class BagMetadata:
 
     files: list[str] = field(default_factory=list)
     storage: str = ""
-    is_compressed: bool = False
+    messages_compressed: bool = False
     ros_distro: str = ""
     custom_data: dict[str, str] = field(default_factory=dict)
 
@@ -129,7 +129,7 @@ def _metadata(information: Any) -> BagMetadata:
     return BagMetadata(
         files=[Path(str(name)).name for name in names],
         storage=str(information.get("storage_identifier") or ""),
-        is_compressed=str(information.get("compression_mode") or "none").lower() != "none",
+        messages_compressed=str(information.get("compression_mode")).lower() == "message",
         ros_distro=str(information.get("ros_distro") or ""),
         custom_data={str(key): str(value) for key, value in dict(information.get("custom_data") or {}).items()},
     )

@@ -22,7 +22,7 @@ __all__ = ["BagInfo", "BagReader", "BagRecord"]
 FOREVER_NS = 2**64
 #: receive times that stand for none
 UNKNOWN_NS = (0, FOREVER_NS - 1)
-SUFFIXES = (".mcap", ".db3")
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 #: progress is reported every so many messages
 _PROGRESS_STEP = 8192
 
@@ -62,8 +62,8 @@ class BagInfo:
 class BagReader:
     """Reads one bag; use as a context manager.
 
-    That is a rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
-    ``.mcap``, ``.db3``.
+    That is a rosbag2 folder (with or without ``metadata.yaml``, which one with compressed messages needs) or one
+    storage file, see ``SUFFIXES``.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class BagReader:
             self.metadata = read_metadata(self.path)
         except BagError as error:
             self._add_problem(f"{error}; the files of the folder are read instead")
-        if self.metadata.is_compressed:
+        if self.metadata.messages_compressed:
             return [self.path]
         present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
         if not present:
@@ -130,7 +130,7 @@ class BagReader:
         return [present[name] for name in listed]
 
     def _open_file(self, file: Path) -> McapFile | RosbagsFile:
-        if file.suffix == ".mcap" and file.is_file():
+        if file.is_file() and file.name.endswith((".mcap", ".mcap.zstd")):
             part: McapFile | RosbagsFile = McapFile(file, self._add_problem)
         else:
             part = RosbagsFile(file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3")
@@ -178,7 +178,7 @@ class BagReader:
                 note(record)
         if unknown:
             self._add_problem(f"{self.path}: {unknown} messages have no receive time")
-        files = [self.path / name for name in self.metadata.files] if self.metadata.is_compressed else self._paths
+        files = [self.path / name for name in self.metadata.files] if self.metadata.messages_compressed else self._paths
         self._info = BagInfo(
             path=self.path,
             storage=self._parts[0].storage,

@@ -25,6 +25,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
+from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
@@ -72,7 +73,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pieces: list[_Piece] = []
-        with open_regular(path) as stream:
+        with decompressed(path) as plain, open_regular(plain) as stream:
             magic = stream.read(len(MAGIC))
             if not magic:
                 raise BagError(f"{path}: the file is empty")

@@ -14,6 +14,7 @@ from mcap.records import Attachment
 from rosbags.rosbag2 import Reader
 
 from fsw_recorder.bag_metadata import BagMetadata
+from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
@@ -43,7 +44,7 @@ def with_its_log(path: Path) -> Iterator[Path]:
 
 
 class RosbagsFile:
-    """One sqlite3 file, or the folder of a bag compressed by file or message, with what `McapFile` has."""
+    """One sqlite3 file, or the folder of a bag compressed by message, with what `McapFile` has."""
 
     def __init__(self, path: Path, add_problem: Callable[[str], None], storage: str) -> None:
         self.storage = storage
@@ -55,8 +56,9 @@ class RosbagsFile:
             raise BagError(f"{path}: the file is empty")
         self._stack = ExitStack()
         try:
-            whole = self._stack.enter_context(with_its_log(path))
-            if whole != path:
+            plain = self._stack.enter_context(decompressed(path))
+            whole = self._stack.enter_context(with_its_log(plain))
+            if whole != plain:
                 self._add_problem("was not closed; the messages in its write-ahead log are read, too")
             self._reader: Any = Reader(whole)
             self._reader.open()

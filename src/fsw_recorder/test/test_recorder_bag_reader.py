@@ -5,8 +5,10 @@ import shutil
 import sqlite3
 import struct
 from pathlib import Path
+from random import Random
 
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
@@ -15,6 +17,7 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.qos import is_latched
+from fsw_recorder.topic import RecordedTopic
 from fsw_test_support.bags import decode, decoder
 
 
@@ -103,6 +106,46 @@ def test_bags_compressed_by_message_or_file(tmp_path: Path, mode: CompressionMod
         info = reader.info()
     assert (info.message_count, info.storage, info.problems) == (99, storage.name.lower(), [])
     assert info.size_bytes == sum(file.stat().st_size for file in (tmp_path / "bag").glob("bag*"))
+
+
+@pytest.mark.parametrize("kind", [".mcap", ".db3"])
+def test_compressed_files_need_no_metadata(genuine: Path, tmp_path: Path, kind: str) -> None:
+    """A file alone; all of a recorder that was killed, whose last file is not compressed yet; one that is cut off."""
+    parts = {".mcap": sorted((genuine / "mcap_split").glob("*.mcap")), ".db3": [genuine / "sqlite3" / "sqlite3_0.db3"]}
+    *_, last = parts[kind]
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for path in parts[kind]:
+        (bag / f"{path.name}.zstd").write_bytes(zstandard.compress(path.read_bytes()))
+    with BagReader(last) as reader, BagReader(bag / f"{last.name}.zstd") as alone:
+        whole = list(reader.records())
+        assert ([*alone.records()], alone.problems) == (whole, [])
+    with BagReader(bag) as reader:
+        assert (len([*reader.records()]), len(reader.problems)) == (177, 1)
+    (bag / f"{last.name}.zstd").unlink()
+    shutil.copy(last, bag)
+    with BagReader(bag) as reader:
+        assert (len([*reader.records()]), len(reader.problems)) == (177, 1)
+
+
+def test_compressed_file_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
+    random = Random(3)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(RecordedTopic("/x", "std_msgs/msg/String", "string data"))
+        for time_ns in range(1, 401):
+            writer.write("/x", random.randbytes(1000), time_ns, time_ns)
+    with BagReader(tmp_path / "bag") as reader:
+        whole = [*reader.records()]
+    content = zstandard.compress((tmp_path / "bag" / "bag_0.mcap").read_bytes())
+    cut, odd = tmp_path / "cut.mcap.zstd", tmp_path / "odd.mcap.zstd"
+    cut.write_bytes(content[: len(content) // 2])
+    odd.write_bytes(content[: len(content) // 2] + bytes(range(256)) * 500)
+    for path in (cut, odd):
+        with BagReader(path) as reader:
+            records = [*reader.records()]
+            assert 50 < len(records) < 400
+            assert records == whole[: len(records)]
+            assert any(str(path) in problem for problem in reader.problems)
 
 
 @pytest.mark.parametrize("in_the_file", [0, 60])

@@ -1,0 +1,35 @@
+"""Files that rosbag2 has compressed as a whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import zstandard
+
+from fsw_schema.files import open_regular
+
+SUFFIX = ".zstd"
+
+
+@contextmanager
+def decompressed(path: Path) -> Iterator[Path]:
+    """A decompressed copy of a file; the file itself if its name does not end in ``.zstd``.
+
+    A damaged or truncated file is decompressed up to there; what is missing is for the reader of the copy to find.
+    """
+    if path.suffix != SUFFIX:
+        yield path
+        return
+    with TemporaryDirectory(prefix="fsw_bag_") as folder:
+        copy = Path(folder) / path.stem
+        decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
+        with open_regular(path) as source, copy.open("wb") as target:
+            try:
+                shutil.copyfileobj(decompressor.stream_reader(source, read_across_frames=True), target)
+            except zstandard.ZstdError:
+                pass
+        yield copy
