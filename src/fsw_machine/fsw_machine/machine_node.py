@@ -224,7 +224,12 @@ def _kind(text: str) -> str:
 
 def _link_settings(values: dict[str, Any]) -> LinkSettings:
     return LinkSettings(
-        values["request_timeout_s"], values["cycle_timeout_s"], values["reconnect.first_s"], values["reconnect.max_s"]
+        values["request_timeout_s"],
+        values["cycle_timeout_s"],
+        values["reconnect.first_s"],
+        values["reconnect.max_s"],
+        Limits.from_parameters(values),
+        values["clock.stamps"] == "received",
     )
 
 

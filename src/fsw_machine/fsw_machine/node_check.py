@@ -6,8 +6,10 @@ from datetime import UTC, datetime, timedelta
 
 from asyncua import Client, ua
 
+from fsw_control.contract import Limits
+from fsw_control.units import NANOSECONDS
 from fsw_machine.link_errors import LinkError
-from fsw_machine.machine_file import READ, WRITTEN, MachineFile
+from fsw_machine.machine_file import READ, WRITTEN, MachineFile, Quantity
 from fsw_machine.samples import RawValue
 
 _EPOCH = datetime(1970, 1, 1)
@@ -18,6 +20,10 @@ WHOLE = {
     for bits, names in ((8, ("SByte", "Byte")), (16, ("Int16", "UInt16")), (32, ("Int32", "UInt32")))
     for name in names
 } | {ua.VariantType.Int64: 1 << 64, ua.VariantType.UInt64: 1 << 64}
+#: steps of whole numbers that are too coarse for set-points: more than half a move (chosen)
+_COARSE_MOVES = 0.5
+#: after which a stamp of ROS cannot be
+_LAST_NS = 2**31 * NANOSECONDS
 _NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *WHOLE}
 
 
@@ -35,8 +41,20 @@ def raw_value(answer: ua.DataValue) -> RawValue:
     return RawValue(value, int(status.value), status.name, source_ns)
 
 
-async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId]) -> list[ua.VariantType]:
+def check_clock(source_ns: int) -> None:
+    """Raise a `LinkError` if a source timestamp cannot be the stamp of a measurement."""
+    if not 0 <= source_ns < _LAST_NS:
+        year = (_EPOCH + timedelta(microseconds=source_ns // 1000)).year
+        what = f"nodes.cycle: its source timestamp is of the year {year}"
+        raise LinkError(f"{what}; set the machine's clock, or clock.stamps: received")
+
+
+async def check_nodes(
+    client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId], limits: Limits
+) -> list[ua.VariantType]:
     """Look whether all nodes exist, are of the right kind and may be written; returns the types of those written.
+
+    Nodes of forces and speeds with whole numbers must hold all values inside the limits, and resolve a move.
 
     A value that is only bad at present is no error here.
 
@@ -65,6 +83,8 @@ async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.
             fits, wanted_kind = kind in _NUMBERS, "a number"
         if not fits:
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
+        if name.startswith(("force", "speed")) and (why := _unfit(machine.nodes[name], kind, limits)):
+            raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
     if kinds["heartbeat"] is not kinds["cycle"]:
         node, own, other = machine.nodes["heartbeat"].node, kinds["heartbeat"].name, kinds["cycle"].name
         raise LinkError(f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}")
@@ -73,6 +93,24 @@ async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
             raise LinkError(f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user")
     return found[len(READ) :]
+
+
+def _unfit(spec: Quantity[str], kind: ua.VariantType, limits: Limits) -> str:
+    """Why whole numbers of a type do not do for a force or a speed, empty if they do."""
+    if kind not in WHOLE:
+        return ""
+    low, high, move, unit = limits.force_min_kn, limits.force_max_kn, limits.force_step_kn, "kN"
+    if spec.unit not in ("kN", "N"):
+        low, high, move, unit = limits.speed_min_rpm, limits.speed_max_rpm, limits.speed_step_rpm, "rpm"
+    smallest = 0 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else -WHOLE[kind] // 2
+    largest = smallest + WHOLE[kind] - 1
+    numbers = sorted((spec.number(low), spec.number(high)))
+    if numbers[0] < smallest or numbers[1] > largest:
+        return f"which ends at {smallest} and {largest}, and the limits need {numbers[0]:g} to {numbers[1]:g}"
+    step = abs(spec.inside(1.0) - spec.inside(0.0))
+    if step > _COARSE_MOVES * move:
+        return f"which has steps of {step:g} {unit}, and a move is {move:g} {unit}"
+    return ""
 
 
 def _type(name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.DataValue) -> ua.VariantType:

@@ -10,20 +10,21 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError as FutureCancelledError
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
 
 from fsw_control import weld
+from fsw_control.contract import Limits
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
 from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.link_errors import LinkError, words
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile, NodeSpec, Security, User
-from fsw_machine.node_check import WHOLE, check_nodes, epoch_ns, raw_value
+from fsw_machine.node_check import WHOLE, check_clock, check_nodes, epoch_ns, raw_value
 from fsw_machine.samples import CycleRead
 
 #: while connecting, requests may take longer: a server may be busy with keys [s]
@@ -74,6 +75,8 @@ class LinkSettings:
     cycle_timeout_s: float
     first_s: float
     max_s: float
+    limits: Limits = field(default_factory=Limits)
+    received: bool = False  #: whether stamps are of the local clock, whatever the server's is
 
 
 class BackOff:
@@ -182,7 +185,7 @@ class MachineLink:
                 raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes}
-        self._order_types = await check_nodes(client, machine, self._nodes)
+        self._order_types = await check_nodes(client, machine, self._nodes, self.settings.limits)
         self.tracker.values = WHOLE[self._order_types[WRITTEN.index("heartbeat")]]
 
     async def _disconnect(self) -> None:
@@ -208,6 +211,7 @@ class MachineLink:
             NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in READ],
         )
         changed_s = reported_s = time.monotonic()
+        checked = self.settings.received
         while True:
             assert self._client is not None
             answers = await asyncio.wait_for(self._client.uaclient.read(request), self.settings.request_timeout_s)
@@ -222,6 +226,9 @@ class MachineLink:
                 changed_s = reported_s = read_s
                 values = {name: raw_value(answer) for name, answer in zip(READ, answers, strict=True)}
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
+                if not checked:  # later steps of the clock are passed over, see Stamps
+                    check_clock(source_ns)
+                    checked = True
                 self._deliver(CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps))
             elif read_s - reported_s > self.settings.cycle_timeout_s:
                 reported_s = read_s

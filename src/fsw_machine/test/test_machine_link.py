@@ -2,6 +2,7 @@
 
 import queue
 import socket
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -151,6 +152,18 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, 
 )
 def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, words):
     assert told(connect, folder, plain[1], shipped_text, **changes).startswith(words)
+
+
+@pytest.mark.slow
+def test_clock_at_1601_is_told_or_does_not_matter(connect, plain, folder, shipped_text):
+    running, port = plain
+    since = datetime(1970, 1, 1) - datetime(1601, 6, 1)
+    running.do(lambda server: setattr(server, "clock_offset_ns", -time.time_ns() - round(since.total_seconds() * 1e9)))
+    try:
+        assert "year 1601; set the machine's clock" in told(connect, folder, port, shipped_text)
+        connect(write_machine_file(folder / "old.yaml", port, shipped_text), received=True).next(CycleRead)
+    finally:
+        running.do(lambda server: setattr(server, "clock_offset_ns", 0))
 
 
 @pytest.mark.slow
