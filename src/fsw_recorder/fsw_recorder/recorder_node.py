@@ -279,8 +279,8 @@ class RecorderNode(ManagedNode):
     def _finish(self) -> None:
         """Finish the bag, with all that was received, and report its contents or why it is incomplete."""
         self._poll()
-        lost = self._lost()
-        in_words = lost_words(sum(lost.values()), self._stalls.total_s)
+        lost, dropped = self._lost(), self.writer.statistics()["dropped"]
+        in_words = lost_words(sum(lost.values()) + dropped, self._stalls.total_s)
         self.writer.custom_data["lost_messages"] = in_words
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
         self.writer.close()
@@ -292,8 +292,7 @@ class RecorderNode(ManagedNode):
             if not self._failure_told:
                 logger.fatal(str(self.writer.error))
         else:
-            missing = f"lost: {in_words}; dropped: {counters['dropped']}"
-            logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
+            logger.info(f"{counters['written']} messages in {self.writer.folder} (missing: {in_words})")
         if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
             try:
                 after_recording.start(self._on_finished, self.writer.folder)

@@ -224,6 +224,57 @@ def test_messages_are_received_while_a_flush_is_slow(
     assert depths_of(bag) == list(range(50))
 
 
+def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some are overwritten in the queue before the recorder looks, some do not fit into the memory for a slow disk."""
+    disk, commit, sent = threading.Event(), BagFile.commit, 0
+    disk.set()
+
+    def slow_commit(file: BagFile) -> None:
+        disk.wait(60.0)
+        commit(file)
+
+    monkeypatch.setattr(BagFile, "commit", slow_commit)
+    values = {"output": str(tmp_path / "bag"), "topics": ["/flood"], "queue_depth": 100, "max_cache_size": 2**20}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    recorder = RecorderNode(context=graph.context, parameter_overrides=overrides)
+    graph.executor.add_node(recorder)
+    try:
+        flood = graph.node.create_publisher(String, "/flood", 1000)
+        graph.until(lambda: flood.get_subscription_count() > 0)
+        subscription = recorder._subscriptions_by_topic["/flood"]
+        for burst in (1, 300, 300):
+            for _ in range(burst):
+                flood.publish(String(data="x" * 20_000))
+            sent += burst
+            graph.until(lambda: recorder.writer.statistics()["received"] + subscription.lost == sent)  # noqa: B023
+            disk.clear()
+        assert subscription.lost
+        assert recorder.writer.statistics()["dropped"]
+    finally:
+        disk.set()
+        graph.executor.remove_node(recorder)
+        recorder.destroy_node()
+    with BagReader(tmp_path / "bag") as reader:
+        info = reader.info()
+    assert info.message_count + int(info.custom_data["lost_messages"]) == sent
+
+
+def test_of_two_recorders_on_one_folder_one_records(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    recorders = [start_recorder(graph, bag) for _ in range(2)]
+    graph.until(lambda: any(one.poll() is not None for one in recorders))
+    refused, recorder = sorted(recorders, key=lambda one: one.poll() is None)
+    code, output = graph.end(refused)
+    assert code == 2 and "exists already" in output and output.count("\n") == 1
+    talk(graph, depth, 10)
+    until_recorded(graph, bag, 10)
+    assert graph.end(recorder, signal.SIGTERM)[0] == 0
+    assert depths_of(bag) == list(range(10))
+
+
 @pytest.mark.requirement("S22")
 def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
