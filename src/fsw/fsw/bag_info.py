@@ -54,6 +54,8 @@ def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
                 "count": info.counts.get(one.name, 0),
                 "type_hash": one.type_hash,
                 "ticks_missing": gaps[one.name].missing if one.name in gaps else None,
+                "ticks_before": gaps[one.name].before if one.name in gaps else None,
+                "ticks_after": gaps[one.name].after if one.name in gaps else None,
             }
             for one in info.topics
         ],
@@ -78,7 +80,9 @@ def _print(info: BagInfo, gaps: dict[str, TickGaps]) -> None:
         if gap.missing:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
             rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
-    if gaps and not any(gap.missing for gap in gaps.values()):
+        if gap.before or gap.after:
+            rows.append(("Ticks", f"{name}: begins {gap.before} ticks after the bag, ends {gap.after} before it"))
+    if gaps and not any(gap.missing or gap.before or gap.after for gap in gaps.values()):
         rows.append(("Ticks", f"none missing on {len(gaps)} topics, according to their stamps"))
     print_table(rows)
     print()

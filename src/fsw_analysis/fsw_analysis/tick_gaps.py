@@ -23,10 +23,15 @@ _LONGEST_GAP_NS = 60 * NANOSECONDS
 
 
 class TickGaps(NamedTuple):
-    """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns]."""
+    """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns].
+
+    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than another topic.
+    """
 
     missing: int
     first_ns: int
+    before: int
+    after: int
 
 
 class TickCounter:
@@ -47,8 +52,7 @@ class TickCounter:
         """Missing ticks per topic.
 
         A tick is a stamp that any of the topics has; where none has one for several periods, the missing ones are put
-        in at the usual period. What a topic lacks before its first and after its last message is not counted: it
-        began later or ended earlier.
+        in at the usual period.
         """
         stamps = {topic: np.unique(np.array(one, dtype=np.int64)) for topic, one in self._stamps.items() if one}
         if not stamps:
@@ -56,8 +60,10 @@ class TickCounter:
         ticks = _filled(np.unique(np.concatenate(list(stamps.values()))))
         result: dict[str, TickGaps] = {}
         for topic, own in stamps.items():
-            lacking = np.setdiff1d(ticks[(ticks >= own[0]) & (ticks <= own[-1])], own, assume_unique=True)
-            result[topic] = TickGaps(lacking.size, int(lacking[0]) if lacking.size else 0)
+            begin, end = int(np.searchsorted(ticks, own[0])), int(np.searchsorted(ticks, own[-1], side="right"))
+            lacking = np.setdiff1d(ticks[begin:end], own, assume_unique=True)
+            first_ns = int(lacking[0]) if lacking.size else 0
+            result[topic] = TickGaps(lacking.size, first_ns, begin, ticks.size - end)
         return result
 
 
