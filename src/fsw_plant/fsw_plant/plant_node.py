@@ -232,14 +232,11 @@ class PlantNode(ManagedNode):
 
         A subscriber that stands still for too long is not waited for again before it has caught up.
         """
-        timeout_s = self._settings["lockstep_timeout_s"] if self._arrived else 0.0
-        end_s = time.monotonic() + timeout_s
-        before, self._arrived = (
-            self._arrived,
-            all(
-                publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
-                for publisher in self.publishers
-            ),
+        before = self._arrived
+        end_s = time.monotonic() + (self._settings["lockstep_timeout_s"] if before else 0.0)
+        self._arrived = all(
+            publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
+            for publisher in self.publishers
         )
         if before and not self._arrived:
             self.get_logger().warning(f"tick {self._plant.tick}: a subscriber does not receive; continuing without it")
