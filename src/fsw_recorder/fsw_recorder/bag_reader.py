@@ -119,10 +119,13 @@ class BagReader:
         present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
         if not present:
             raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
-        for name in self.metadata.files:
-            if name not in present:
+        listed = []
+        for name in dict.fromkeys(self.metadata.files):
+            stored = next((file for file in (name, f"{name}.zstd") if file in present), None)
+            if stored is not None:
+                listed.append(stored)
+            else:
                 self._add_problem(f"{self.path}: {name} is missing")
-        listed = [name for name in dict.fromkeys(self.metadata.files) if name in present]
         if not listed:  # there is no metadata.yaml, or the files have been renamed
             return [present[name] for name in sorted(present, key=_natural)]
         for name in sorted(present.keys() - {*listed}, key=_natural):
