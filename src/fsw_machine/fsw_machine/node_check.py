@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from asyncua import Client, ua
 
-from fsw_control.contract import Limits
+from fsw_control.contract import SENSOR_FIELDS, Limits
 from fsw_control.units import NANOSECONDS
+from fsw_control.validity import sensor_limits
 from fsw_machine.link_errors import LinkError
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile, Quantity
 from fsw_machine.samples import RawValue
@@ -20,8 +23,8 @@ WHOLE = {
     for bits, names in ((8, ("SByte", "Byte")), (16, ("Int16", "UInt16")), (32, ("Int32", "UInt32")))
     for name in names
 } | {ua.VariantType.Int64: 1 << 64, ua.VariantType.UInt64: 1 << 64}
-#: steps of whole numbers that are too coarse for set-points: more than half a move (chosen)
-_COARSE_MOVES = 0.5
+#: the coarsest steps of whole numbers: half a move of a set-point, ten times a measurement's noise (chosen)
+_COARSE_MOVES, _COARSE_NOISES = 0.5, 10.0
 #: after which a stamp of ROS cannot be
 _LAST_NS = 2**31 * NANOSECONDS
 _NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *WHOLE}
@@ -54,9 +57,8 @@ async def check_nodes(
 ) -> list[ua.VariantType]:
     """Look whether all nodes exist, are of the right kind and may be written; returns the types of those written.
 
-    Nodes of forces and speeds with whole numbers must hold all values inside the limits, and resolve a move.
-
-    A value that is only bad at present is no error here.
+    Nodes with whole numbers must hold all values inside the limits, or all plausible ones of a sensor, and be fine
+    enough for a move, or for its noise. A value that is only bad at present is no error here.
 
     Raises
     ------
@@ -73,6 +75,7 @@ async def check_nodes(
     types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
     found = [_type(name, machine, values[name], types[name]) for name in names]
     kinds = dict(zip(names, found, strict=True))
+    needs = _needs(limits)
     for name, kind in kinds.items():
         node = machine.nodes[name].node
         if name == "permissive":
@@ -83,7 +86,8 @@ async def check_nodes(
             fits, wanted_kind = kind in _NUMBERS, "a number"
         if not fits:
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
-        if name.startswith(("force", "speed")) and (why := _unfit(machine.nodes[name], kind, limits)):
+        need = needs.get(name.partition("_")[0])
+        if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
     if kinds["heartbeat"] is not kinds["cycle"]:
         node, own, other = machine.nodes["heartbeat"].node, kinds["heartbeat"].name, kinds["cycle"].name
@@ -95,21 +99,37 @@ async def check_nodes(
     return found[len(READ) :]
 
 
-def _unfit(spec: Quantity[str], kind: ua.VariantType, limits: Limits) -> str:
-    """Why whole numbers of a type do not do for a force or a speed, empty if they do."""
-    if kind not in WHOLE:
-        return ""
-    low, high, move, unit = limits.force_min_kn, limits.force_max_kn, limits.force_step_kn, "kN"
-    if spec.unit not in ("kN", "N"):
-        low, high, move, unit = limits.speed_min_rpm, limits.speed_max_rpm, limits.speed_step_rpm, "rpm"
+@dataclass(frozen=True, slots=True)
+class _Need:
+    """Values that a node must hold, and the coarsest steps that do, in the unit inside."""
+
+    low: float
+    high: float
+    step: float
+    unit: str
+
+
+def _needs(limits: Limits) -> dict[str, _Need]:
+    """What the limits and the measurements require, by the first word of a node's name."""
+    force = _Need(limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN")
+    speed = _Need(limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm")
+    needs = {"force": force, "speed": speed}
+    for (sensor, one), unit in zip(sensor_limits().items(), ("mm", "N m", "degC"), strict=True):
+        _, quantity = SENSOR_FIELDS[sensor]
+        needs[quantity] = _Need(one.minimum, one.maximum, _COARSE_NOISES * one.noise or math.inf, unit)
+    return needs
+
+
+def _unfit(spec: Quantity[str], kind: ua.VariantType, need: _Need) -> str:
+    """Why whole numbers of a type do not do for a quantity, empty if they do."""
     smallest = 0 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else -WHOLE[kind] // 2
     largest = smallest + WHOLE[kind] - 1
-    numbers = sorted((spec.number(low), spec.number(high)))
+    numbers = sorted((spec.number(need.low), spec.number(need.high)))
     if numbers[0] < smallest or numbers[1] > largest:
         return f"which ends at {smallest} and {largest}, and the limits need {numbers[0]:g} to {numbers[1]:g}"
     step = abs(spec.inside(1.0) - spec.inside(0.0))
-    if step > _COARSE_MOVES * move:
-        return f"which has steps of {step:g} {unit}, and a move is {move:g} {unit}"
+    if step > need.step:
+        return f"which has steps of {step:g} {need.unit}, and {need.step:g} {need.unit} at most will do"
     return ""
 
 

@@ -58,6 +58,9 @@ def check(shipped_text, changes, **kinds):
         ({"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rad/s"}, {"speed_setpoint": "UInt16"}, "steps of 9.5"),
         ({}, {"speed_acting": "Byte"}, "nodes.speed_acting: .* ends at 0 and 255"),
         ({"SpeedSetpoint, unit: rpm": "SpeedSetpoint, unit: rpm, scale: -1"}, {"speed_setpoint": "UInt16"}, "need -"),
+        ({}, {"depth": "Int16"}, "nodes.depth: .* has steps of 1 mm"),
+        ({}, {"torque": "Byte"}, "nodes.torque: .* ends at 0 and 255"),
+        ({"Temperature, unit: degC": "Temperature, unit: degC, scale: 0.01"}, {"temperature": "Int16"}, "32767, and"),
     ],
 )
 def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(shipped_text, changes, kinds, words):
@@ -71,6 +74,7 @@ def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(shipped_text
         ({}, {"force_setpoint": "Float", "speed_setpoint": "Int16", "speed_in_force": "UInt16"}),
         ({"ForceSetpoint, unit: kN": "ForceSetpoint, unit: N"}, {"force_setpoint": "Int32"}),
         ({"ForceSetpoint, unit: kN": "ForceSetpoint, unit: kN, scale: 0.01"}, {"force_setpoint": "Int16"}),
+        ({"Depth, unit: mm": "Depth, unit: um"}, {"depth": "Int16", "torque": "Int16", "temperature": "UInt16"}),
     ],
 )
 def test_whole_numbers_that_are_fine_enough(shipped_text, changes, kinds):
