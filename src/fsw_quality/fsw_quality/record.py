@@ -372,8 +372,7 @@ def _cannot_say(signals: WeldSignals, custom: Mapping[str, str], evidence: Evide
     if "versions.json" not in signals.attachments:
         lacking.append("software versions (versions.json is not in the bag)")
     if evidence.lost is None:
-        known = custom.get("lost_messages", "metadata.yaml has no lost_messages")
-        lacking.append(f"whether messages were lost on their way to the recorder ({known})")
+        lacking.append("whether messages were lost on their way to the recorder (metadata.yaml has no lost_messages)")
     if not any(one.kind == "procedure" for one in signals.events):
         lacking.append(f"by which procedure the weld ran (none is attached to the bag, nor reported by {WATCH_NODE})")
     if evidence.stamp_ns is None:

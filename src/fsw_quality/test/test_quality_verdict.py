@@ -224,10 +224,9 @@ def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> N
 def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     weld, _, custom = broken("lost")
     assert judged(weld, custom=custom).deciding.figure == "2 messages lost"
-    for custom in ({}, {"lost_messages": "at least 0: the recorder stood still for 20 s"}):
-        record = judged(weld, custom=custom)
-        assert record.deciding.figure == "whether messages were lost is not on record"
-        assert any(custom.get("lost_messages", "no lost_messages") in one for one in record.cannot_say)
+    record = judged(weld, custom={})
+    assert record.deciding.figure == "whether messages were lost is not on record"
+    assert any("no lost_messages" in one for one in record.cannot_say)
     weld.counts = {}
     record = judged(weld)
     assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {"swaps", "mode", "interlocks"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
@@ -38,10 +37,8 @@ from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
-    Stalls,
     custom_entries,
     free_sibling,
-    lost_words,
     media_type,
     output_folder,
     read_attachment,
@@ -110,7 +107,6 @@ class RecorderNode(ManagedNode):
         self._failure_told = False
         #: topics that have no publisher yet, and keep the others from being recorded
         self._awaited = [self.resolve_topic_name(name) for name in self._values["wait_for_topics"]]
-        self._stalls = Stalls(_REPORT_PERIOD_S, time.monotonic())
         self.writer = self._make_writer()
         try:
             self._begin()
@@ -253,12 +249,9 @@ class RecorderNode(ManagedNode):
         error = self.writer.error
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
-        if stalled_s := self._stalls.look(time.monotonic()):
-            text = f"stood still for {stalled_s:.0f} s; what was sent meanwhile may be lost, which nobody counts"
-            self.get_logger().warning(text)
         counters, lost = self.writer.statistics(), self._lost()
         level, text = OK, "paused" if self.writer.is_paused else "recording"
-        if lost or counters["dropped"] or self._left_out or self._stalls.total_s:
+        if lost or counters["dropped"] or self._left_out:
             level, text = WARN, "recording, but not everything is in the bag"
         if error is not None:
             level, text = ERROR, str(error)
@@ -266,7 +259,7 @@ class RecorderNode(ManagedNode):
             "bag": self.writer.folder,
             "topics": len(self._subscriptions_by_topic),
             **counters,
-            "lost": lost_words(sum(lost.values()), self._stalls.total_s),
+            "lost": sum(lost.values()),
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
@@ -280,8 +273,8 @@ class RecorderNode(ManagedNode):
         """Finish the bag, with all that was received, and report its contents or why it is incomplete."""
         self._poll()
         lost, dropped = self._lost(), self.writer.statistics()["dropped"]
-        in_words = lost_words(sum(lost.values()) + dropped, self._stalls.total_s)
-        self.writer.custom_data["lost_messages"] = in_words
+        missing = sum(lost.values()) + dropped
+        self.writer.custom_data["lost_messages"] = str(missing)
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
         self.writer.close()
         counters = self.writer.statistics()
@@ -292,7 +285,7 @@ class RecorderNode(ManagedNode):
             if not self._failure_told:
                 logger.fatal(str(self.writer.error))
         else:
-            logger.info(f"{counters['written']} messages in {self.writer.folder} (missing: {in_words})")
+            logger.info(f"{counters['written']} messages in {self.writer.folder} (missing: {missing})")
         if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
             try:
                 after_recording.start(self._on_finished, self.writer.folder)

@@ -21,8 +21,6 @@ _DISTRIBUTIONS = ("fsw-control", "ros-rclpy", "ros-fastrtps", "mcap", "numpy", "
 _PACKAGES = ("fsw_control", "fsw_model", "fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_plant", "fsw_scenario")
 _SOURCES = (".py", ".yaml", ".c", ".h")
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024
-#: between two looks a busy computer may take so much longer than is asked for [s] (chosen)
-_STALL_S = 5.0
 _MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json": "application/json"}
 
 
@@ -80,26 +78,6 @@ def read_attachment(path: str) -> bytes:
 def media_type(name: str) -> str:
     """Media type of an attachment by its name."""
     return _MEDIA_TYPES.get(Path(name).suffix, "text/plain" if name.endswith(".txt") else "application/octet-stream")
-
-
-class Stalls:
-    """How long this process has stood still: what was sent meanwhile may be lost, and the middleware does not tell."""
-
-    def __init__(self, period_s: float, now_s: float) -> None:
-        self.total_s = 0.0
-        self._period_s, self._looked_s = period_s, now_s
-
-    def look(self, now_s: float) -> float:
-        """How long it has stood still since the last look [s]; to be called every ``period_s``."""
-        late_s, self._looked_s = now_s - self._looked_s - self._period_s, now_s
-        stalled_s = late_s if late_s > _STALL_S else 0.0
-        self.total_s += stalled_s
-        return stalled_s
-
-
-def lost_words(lost: int, stalled_s: float) -> str:
-    """How many messages were lost before they were received, for metadata and log: a number, if that is known."""
-    return f"at least {lost}: the recorder stood still for {stalled_s:.0f} s" if stalled_s else str(lost)
 
 
 def custom_entries(entries: Sequence[str]) -> dict[str, str]:

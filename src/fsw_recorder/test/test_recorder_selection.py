@@ -13,10 +13,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from fsw_recorder import BagError
 from fsw_recorder.qos import is_latched, is_reliable, missing_requests, profile, qos_text, read_qos, replayed_qos
 from fsw_recorder.recording import (
-    Stalls,
     custom_entries,
     free_sibling,
-    lost_words,
     media_type,
     output_folder,
     read_attachment,
@@ -190,14 +188,6 @@ def test_custom_data() -> None:
     assert custom_entries(["a=b", " c = d=e "]) == {"a": "b", "c": "d=e"}
     with pytest.raises(BagError, match="key=value"):
         custom_entries(["nothing"])
-
-
-def test_a_recorder_that_stood_still_does_not_claim_that_nothing_was_lost() -> None:
-    stalls = Stalls(1.0, 100.0)
-    assert stalls.look(101.0) == stalls.look(105.0) == 0.0  # a busy computer
-    assert lost_words(2, stalls.total_s) == "2"
-    assert stalls.look(126.0) == 20.0 and stalls.look(127.0) == 0.0
-    assert lost_words(2, stalls.total_s) == "at least 2: the recorder stood still for 20 s"
 
 
 def test_output_folder() -> None:
