@@ -15,7 +15,10 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+from fsw_control.fast_dds import stay_on_this_machine
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before the first import of numpy, in test files
+stay_on_this_machine(os.environ)  # before the first node: Fast DDS reads its profiles once
 _PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("project", _PATIENT, max_examples=30)
 settings.register_profile("full", _PATIENT, max_examples=400)  # scripts/test.py --full

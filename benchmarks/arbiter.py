@@ -34,6 +34,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Proposal, run_controller, weld
 from fsw_control import messages_ros as convert
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_scenario.launcher import Launcher
@@ -139,7 +140,7 @@ def measure(rate_hz, ticks, real):
     supervisor = [f"tick_period_s:={period_s}", f"deadline_s:={0.8 * period_s}"]
     controller = [f"period:={period_s}", f"deadline:={0.3 * period_s}"]
     with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        stay_on_this_machine(os.environ)
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ["--ros-args", *_parameters(supervisor)])
         for name in (ACTIVE, SHADOW):
             if real:

@@ -23,6 +23,7 @@ if __name__ == "__main__":
 
 from report import parser, save, show
 
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 
 PAYLOADS = {"64 bytes": 64, "1 MB": 1_000_000}
@@ -91,7 +92,8 @@ def main() -> None:
     arguments = parser(__doc__, "fewer samples").parse_args()
     counts = {"64 bytes": 500, "1 MB": 20} if arguments.quick else {"64 bytes": 5000, "1 MB": 200}
     with free_domain() as domain:
-        os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        stay_on_this_machine(os.environ)
         partner = subprocess.Popen([sys.executable, __file__, PARTNER])
         try:
             figures = measure(counts)

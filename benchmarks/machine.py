@@ -33,6 +33,7 @@ from report import Figures, parser, save, show
 from fsw_control import messages_ros as convert
 from fsw_control import weld
 from fsw_control.contract import Reference
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import WeldReference
@@ -68,6 +69,7 @@ def machine_file(folder: Path, secure: bool) -> Path:
 def set_points(domain: int) -> Iterator[None]:
     """States the operating point for as long as the context lasts."""
     context = Context()
+    stay_on_this_machine(os.environ)
     rclpy.init(args=[], context=context, domain_id=domain)
     node = rclpy.create_node("set_points", context=context)
     publisher = node.create_publisher(WeldReference, "fsw/reference", LATCHED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import time
@@ -19,6 +20,7 @@ from rclpy.context import Context
 from fsw_control import messages_ros as convert
 from fsw_control import weld
 from fsw_control.contract import Reference
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import WeldReference
 from fsw_recorder.bag_reader import BagReader
@@ -110,6 +112,7 @@ class FaultyGraph(Spinner):
         self._modules, self._folder = parts, folder
         self._launcher = Launcher(folder / "log", domain)
         self._context = Context()
+        stay_on_this_machine(os.environ)
         rclpy.init(args=[], context=self._context, domain_id=domain)
         super().__init__(self._context)
         self._died_s: dict[str, float] = {}

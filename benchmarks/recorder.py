@@ -33,6 +33,7 @@ from rosbags import rosbag2
 
 from fsw_analysis.kpi import compute
 from fsw_analysis.signals import load_weld
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_reader import BagReader
@@ -48,6 +49,7 @@ Messages = list[tuple[str, int, bytes]]
 
 def talk(count: int) -> None:
     """Publish so many messages at the rate, in this process."""
+    stay_on_this_machine(os.environ)
     rclpy.init()
     node = rclpy.create_node("talker")
     publisher = node.create_publisher(ShoulderDepth, "/load", 1000)

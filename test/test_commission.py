@@ -50,7 +50,6 @@ def graph(tmp_path, monkeypatch):
         (tmp_path / f"{name}.yaml").write_text(json.dumps(content))
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         for name, (module, _) in NODES.items():
             launcher.start(name, module, ["--ros-args", "--params-file", str(file)])
         wait_for_text(launcher, "fsw_supervisor", "controller decentral has joined")

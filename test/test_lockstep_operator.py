@@ -28,7 +28,6 @@ def graph(tmp_path_factory):
 def fsw(graph, capsys, monkeypatch):
     """Run the command on the graph's domain; returns exit code, output, errors."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(graph))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
     def run(*arguments):
         code = main([*arguments, "--timeout", "60"])
@@ -117,7 +116,6 @@ def test_an_empty_domain_is_told(capsys, monkeypatch):
 
 def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys, monkeypatch):
     """As after weld.launch.py without a scenario."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         for name, module in (

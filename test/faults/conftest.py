@@ -54,7 +54,6 @@ def launch(tmp_path_factory):
             domains.__exit__(None, None, None)
             current.clear()
 
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
         yield make
     finally:

@@ -25,6 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
@@ -46,8 +47,7 @@ except ImportError:
 __all__ = ["Exit", "Observer", "WeldUnderTest", "exit_codes", "kill", "post_shutdown_test"]
 DEEP = QoSProfile(depth=1000)
 TICK_NS = 100_000_000
-# As the launcher has it for its processes: with another range than theirs, discovery can take half a minute.
-os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+stay_on_this_machine(os.environ)
 
 
 @dataclass(frozen=True)

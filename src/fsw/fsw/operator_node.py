@@ -19,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
+from fsw_control import fast_dds
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
@@ -137,6 +138,7 @@ def graph_text(node: Operator) -> str:
 @contextlib.contextmanager
 def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
     """Join the graph of ``--namespace`` as ``fsw_operator`` for as long as the context lasts."""
+    os.environ.update(fast_dds.settings(os.environ))
     try:
         # Ctrl-C must leave the graph reachable: whoever is interrupted aborts what it has begun
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)

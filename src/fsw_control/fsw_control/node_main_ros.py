@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -17,13 +16,11 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.utilities import get_default_context, remove_ros_args
 
+from fsw_control import fast_dds
 from fsw_control.light_node_ros import ends_in_time
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import ParameterSpec, Source, load_source
 
-#: settings of Fast DDS for all nodes, and the names that a user's own may have, which take precedence
-_PROFILES = Path(__file__).with_name("fast_dds.xml")
-_PROFILE_NAMES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 #: A Ctrl-C later than this after the first one counts as a second.
 _PATIENCE_S = 1.0
 
@@ -111,8 +108,7 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
         try:
             if arguments is not None:
                 arguments.check(argv)  # before ROS opens files: from a pipe it would read for ever
-            if not any(map(os.environ.get, _PROFILE_NAMES)):
-                os.environ[_PROFILE_NAMES[0]] = str(_PROFILES)
+            os.environ.update(fast_dds.settings(os.environ))
             rclpy.init(args=argv)
             started = True
             words = remove_ros_args(args=argv)[1:]

@@ -1,7 +1,6 @@
 """Nodes as processes: how they end, and how they refuse to start."""
 
 import contextlib
-import os
 import runpy
 import signal
 import subprocess
@@ -16,7 +15,6 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Reference, run_controller
 from fsw_control import messages_ros as convert
-from fsw_control.node_main_ros import run
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_test_support.waiting import PATIENCE_S
@@ -247,18 +245,20 @@ def test_a_signal_while_the_interpreter_ends_leaves_the_exit_code(domain_id, sen
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize("name", ["", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"])
-def test_nodes_have_a_profile_of_fast_dds_unless_the_user_has_one(monkeypatch, name):
-    for known in ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"):
-        monkeypatch.setenv(known, "")
-    if name:
-        monkeypatch.setenv(name, "/mine.xml")
-    seen = {}
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_a_node_uses_no_shared_memory(domain_id, monkeypatch, discovery):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE")
+    code = """
+from pathlib import Path
+from rclpy.node import Node
+from fsw_control.node_main_ros import run
 
-    def refuse(*_):
-        seen.update({key: value for key, value in os.environ.items() if key.endswith("_PROFILES_FILE") and value})
-        raise ValueError("no node here")
+def factory():
+    node = Node("mapped")
+    print("fastrtps_port" in Path("/proc/self/maps").read_text())
+    raise SystemExit
 
-    assert run(refuse, ["node"]) == 2
-    assert len(seen) == 1
-    assert seen == {name: "/mine.xml"} if name else Path(*seen.values()).is_file()
+run(factory, ["mapped"])
+"""
+    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True).stdout == "False\n"
