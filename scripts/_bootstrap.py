@@ -1,6 +1,6 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` in the workspace, installs the pinned locks into it (wheels only) and goes on inside it.
+``ensure()`` makes ``.venv`` in the workspace, installs the pinned locks into it (wheels only) and continues inside it.
 ROS 2 comes as wheels, too, and this project's messages are built for it (``_interfaces.py``). Where there is no C
 compiler for the controllers, or no npm for the page, one is installed as a wheel. When all is done already it only
 takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment
@@ -80,11 +80,13 @@ def why_no_middleware():
     if not ROS_PYTHONS[0] <= sys.version_info[:2] <= ROS_PYTHONS[1]:
         first, last = map(_words, (max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]))
         return f"the wheels of ROS 2 are for Python {first} to {last}: use one of these, or source a ROS 2"
+    missing = {}
     if _interfaces.compiler() is None:
-        return "a C++ compiler is missing (Debian, Ubuntu: apt install g++)"
+        missing["g++"] = "a C++ compiler"
     if not (_interfaces.python_headers() / "Python.h").exists():
-        return "Python's headers are missing (Debian, Ubuntu: apt install python3-dev)"
-    return ""
+        missing[f"python{_minor(sys.version)}-dev"] = "Python's headers"
+    needs = f"{' and '.join(missing.values())} (Debian, Ubuntu: apt install {' '.join(missing)})"
+    return f"it needs {needs}" if missing else ""
 
 
 def ensure(dev=False, oldest=False, extras=()):
@@ -104,7 +106,7 @@ def ensure(dev=False, oldest=False, extras=()):
     SystemExit
         With one clear line, if Python is too old or the packages cannot be installed.
     """
-    _prefer_a_python_of_the_wheels()
+    prefer_a_python_of_the_wheels()
     if sys.version_info < OLDEST:
         sys.exit(f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_sourced_ros() else ".venv")
@@ -143,7 +145,7 @@ def ensure(dev=False, oldest=False, extras=()):
     _on_interrupt(signal.default_int_handler)
 
 
-def _prefer_a_python_of_the_wheels():
+def prefer_a_python_of_the_wheels():
     """Run this script again by a Python of the search path that the wheels of ROS 2 fit, if this one is another."""
     first, last = max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]
     if with_sourced_ros() or first <= sys.version_info[:2] <= last:

@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
-PATTERNS = [f"{folder}/*.{suffix}" for folder in ("src", "studies", "runtime") for suffix in ("py", "c", "h")]
+PATTERNS = [f"{folder}/*.{suffix}" for folder in ("src", "studies") for suffix in ("py", "c", "h")]
 
 
 def lines(revision: str) -> Counter[str]:
@@ -38,9 +38,8 @@ def main() -> int:
     for package in sorted({*now, *(before or ())}):
         then = f"{before[package]:>8} {now[package] - before[package]:>+6}" if before else ""
         print(f"{package:<28}{now[package]:>6}{then}")
-    inside = [name for name in now if not name.startswith("runtime")]
-    then_sum = f"{sum(before[name] for name in before if not name.startswith('runtime')):>8}" if before else ""
-    print(f"{'src and studies':<28}{sum(now[name] for name in inside):>6}{then_sum}")
+    then_sum = f"{sum(before.values()):>8}" if before else ""
+    print(f"{'src and studies':<28}{sum(now.values()):>6}{then_sum}")
     return 0
 
 

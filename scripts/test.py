@@ -16,7 +16,14 @@ import signal
 import subprocess
 import sys
 
-from _bootstrap import NEWER_TEST_EXTRAS, TEST_EXTRAS, WORKSPACE, ensure, why_no_middleware
+from _bootstrap import (
+    NEWER_TEST_EXTRAS,
+    TEST_EXTRAS,
+    WORKSPACE,
+    ensure,
+    prefer_a_python_of_the_wheels,
+    why_no_middleware,
+)
 
 OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for three. The tests of a file stay together:
@@ -40,6 +47,7 @@ OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
+prefer_a_python_of_the_wheels()
 if reason := why_no_middleware():
     sys.exit(f"the tests need ROS 2: {reason}")
 extras = TEST_EXTRAS if OLDEST in sys.argv else (*TEST_EXTRAS, *NEWER_TEST_EXTRAS)

@@ -27,8 +27,11 @@ def in_python(program, *arguments, **environment):
         ("_bootstrap.platform.libc_ver = lambda: ('glibc', '2.17')", "for Linux on x86-64"),
         ("_bootstrap.platform.libc_ver = lambda: ('', '')", "for Linux on x86-64"),
         ("sys.version_info = (3, 15, 0)", "for Python 3.11 to 3.14: use one of these, or source a ROS 2"),
-        ("_interfaces.compiler = lambda: None", "a C++ compiler is missing (Debian, Ubuntu: apt install g++)"),
-        ("_interfaces.python_headers = lambda: _bootstrap.Path('/none')", "Python's headers are missing"),
+        ("_interfaces.compiler = lambda: None", "a C++ compiler (Debian, Ubuntu: apt install g++)"),
+        (
+            "_interfaces.python_headers = lambda: _bootstrap.Path('/none')",
+            "headers (Debian, Ubuntu: apt install",
+        ),
         ("import os; os.environ |= {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/opt'}; sys.platform = 'any'", ""),
     ],
 )

@@ -7,11 +7,11 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from fsw.command import command, option, switch
 from fsw.errors import CommandError, exit_code
+from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.side_by_side import run_side_by_side
@@ -88,7 +88,7 @@ def _live(parsed: argparse.Namespace) -> int:
     if not scenario.open_loop and len(scenario.controllers) == 1:
         scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
     if not middleware_is_here():
-        raise CommandError("--live needs ROS 2: see docs/how-to/install.md")
+        raise CommandError(f"--live needs ROS 2: {HOW}")
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
@@ -112,7 +112,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
         names.append(SWAP_SCENARIO)
     scenarios = [load(name) for name in names]
     if parsed.realtime and not middleware_is_here():
-        raise CommandError("--realtime needs ROS 2: see docs/how-to/install.md")
+        raise CommandError(f"--realtime needs ROS 2: {HOW}")
     began = time.monotonic()
     folder = new_folder(parsed.out, "demo")
     if not middleware_is_here():
@@ -128,11 +128,6 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     for scenario in scenarios:
         written += _results(scenario, welds[scenario.name], folder / scenario.name)
     return _tell_end(began, written)
-
-
-def middleware_is_here() -> bool:
-    """Whether rclpy and this project's messages are installed."""
-    return all(find_spec(name) is not None for name in ("rclpy", "fsw_msgs.msg"))
 
 
 def _without_middleware(name: str, controllers: dict[str, dict[str, str]], folder: Path) -> list[Path]:

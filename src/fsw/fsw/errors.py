@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from fsw.console import program
+from fsw.middleware import HOW, middleware_is_here
 from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_model import OperatingPointError
@@ -55,6 +56,11 @@ def exit_code(action: Callable[[], int]) -> int:
         return code
     except SHOWN as error:
         print(f"error: {_said(error)}", file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        if middleware_is_here():
+            raise
+        print(f"error: needs ROS 2, which is not installed ({error}): {HOW}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print(f"interrupted{f': {_said(interrupt)}' if interrupt.args else ''}", file=sys.stderr)

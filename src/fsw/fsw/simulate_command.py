@@ -13,6 +13,7 @@ from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
+from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw.welds import closed_loop
@@ -95,6 +96,8 @@ def simulate(arguments: argparse.Namespace) -> int:
     scenario = load(arguments.scenario, overrides)
     if scenario.open_loop and arguments.controller:
         raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
+    if arguments.bag and not middleware_is_here():
+        raise CommandError(f"simulate: --bag needs ROS 2: {HOW}")
     parameters = _parameters(arguments)
     loops = _loops(arguments, scenario, overrides, parameters)
     folder = new_folder(arguments.out, scenario.name)
