@@ -241,6 +241,16 @@ def _(source: Source, bag: Path) -> None:
     (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap"], source, **changes))
 
 
+@form("mcap in two files, the first decompressed since")
+def _(source: Source, bag: Path) -> None:
+    half = len(source.records) // 2
+    write_mcap(bag / "weld_0.mcap", source, source.records[:half])
+    write_mcap(bag / "plain.mcap", source, source.records[half:])
+    (bag / "weld_1.mcap.zstd").write_bytes(zstandard.compress((bag / "plain.mcap").read_bytes()))
+    (bag / "plain.mcap").unlink()
+    (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap.zstd", "weld_1.mcap.zstd"], source))
+
+
 @form("mcap in two files, the first compressed since")
 def _(source: Source, bag: Path) -> None:
     half = len(source.records) // 2

@@ -26,7 +26,7 @@ from fsw_quality.procedure import Identity, Procedure
 from fsw_quality.procedure_watch import tuning_sha256
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
-from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
@@ -325,8 +325,8 @@ def procedure_words(values: Mapping[str, str]) -> str:
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:
     """The files of a bag that a record names, with their hashes."""
-    kinds = (*SUFFIXES, METADATA_NAME)
-    paths = [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.name.endswith(kinds))
+    with BagReader(bag) as reader:
+        paths = sorted(path for path in (*reader.files(), bag / METADATA_NAME) if path.is_file())
     contents = ((path.name, mapped(path)) for path in paths)
     return tuple(BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents)
 

@@ -116,12 +116,13 @@ class BagReader:
             self._add_problem(f"{error}; the files of the folder are read instead")
         if self.metadata.messages_compressed:
             return [self.path]
-        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
+        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES) and file.is_file()}
         if not present:
             raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         listed = []
         for name in dict.fromkeys(self.metadata.files):
-            stored = next((file for file in (name, f"{name}.zstd") if file in present), None)
+            names = (name, f"{name}.zstd", name.removesuffix(".zstd"))  # compressed or decompressed since
+            stored = next(filter(present.get, names), None)
             if stored is not None:
                 listed.append(stored)
             else:
@@ -139,6 +140,13 @@ class BagReader:
             part = RosbagsFile(file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3")
         self._stack.callback(part.close)
         return part
+
+    def files(self) -> list[Path]:
+        """The files that are read, with the write-ahead logs of sqlite3 beside them."""
+        folder = self.path if self.path in self._paths and self.path.is_dir() else None
+        paths = [path for path in folder.iterdir() if path.name.endswith(SUFFIXES)] if folder else self._paths
+        logs = (path.with_name(f"{path.name}-wal") for path in paths)
+        return [*paths, *(log for log in logs if log.is_file())]
 
     def records(
         self,

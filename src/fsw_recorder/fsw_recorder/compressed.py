@@ -9,10 +9,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import zstandard
+from mcap.writer import MCAP0_MAGIC
 
 from fsw_schema.files import open_regular
 
 SUFFIX = ".zstd"
+#: of files of sqlite3 and MCAP
+_BEGINNINGS = (b"SQLite format 3\0", MCAP0_MAGIC)
 
 
 @contextmanager
@@ -29,7 +32,11 @@ def decompressed(path: Path) -> Iterator[Path]:
         decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
         with open_regular(path) as source, copy.open("wb") as target:
             try:
-                shutil.copyfileobj(decompressor.stream_reader(source, read_across_frames=True), target)
+                content = decompressor.stream_reader(source, read_across_frames=True)
+                head = content.read(len(_BEGINNINGS[0]))
+                target.write(head)
+                if head.startswith(_BEGINNINGS):  # else it may be of any size, and is no bag
+                    shutil.copyfileobj(content, target)
             except zstandard.ZstdError:
                 pass
         yield copy

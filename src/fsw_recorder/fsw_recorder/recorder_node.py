@@ -253,6 +253,8 @@ class RecorderNode(ManagedNode):
         level, text = OK, "paused" if self.writer.is_paused else "recording"
         if lost or counters["dropped"] or self._left_out:
             level, text = WARN, "recording, but not everything is in the bag"
+        if self._awaited:
+            level, text = WARN, f"recording nothing until these topics are there: {', '.join(self._awaited)}"
         if error is not None:
             level, text = ERROR, str(error)
         values = {
@@ -266,7 +268,7 @@ class RecorderNode(ManagedNode):
         self._diagnostics.publish([Report("recording", level, text, values)])
 
     def _lost(self) -> dict[str, int]:
-        """Messages that the middleware reports as lost, by topic."""
+        """Messages that are missing by their numbers, by topic."""
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def _finish(self) -> None:
@@ -285,6 +287,8 @@ class RecorderNode(ManagedNode):
             if not self._failure_told:
                 logger.fatal(str(self.writer.error))
         else:
+            if self._awaited:
+                logger.warning(f"nothing was recorded: these topics were not there: {', '.join(self._awaited)}")
             logger.info(f"{counters['written']} messages in {self.writer.folder} (missing: {missing})")
         if self._on_finished and (self.writer.folder / METADATA_NAME).exists():  # else there is no finished bag
             try:

@@ -1,5 +1,6 @@
 """Bags recorded by genuine ROS 2, and bags in any state, are read."""
 
+import os
 import re
 import shutil
 import sqlite3
@@ -15,6 +16,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.compressed import decompressed
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.qos import is_latched
 from fsw_recorder.topic import RecordedTopic
@@ -195,6 +197,19 @@ def test_a_file_that_the_metadata_do_not_list_is_no_part_of_the_bag(genuine: Pat
     with BagReader(bag) as reader, BagReader(genuine / "mcap_split") as expected:
         assert [*reader.records()] == [*expected.records()]
         assert len(reader.problems) == 1 and "of another weld.mcap" in reader.problems[0]
+        assert [path.name for path in reader.files()] == [path.name for path in expected.files()]
+
+
+def test_compressed_rubbish_is_not_decompressed_and_a_pipe_is_no_file(genuine: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(genuine / "mcap_default", bag)
+    os.mkfifo(bag / "pipe.mcap")
+    with BagReader(bag) as reader:
+        assert reader.problems == []
+    large = tmp_path / "large.mcap.zstd"
+    large.write_bytes(zstandard.compress(bytes(2**28)))
+    with decompressed(large) as copy:
+        assert copy.stat().st_size < 100
 
 
 def test_a_file_that_was_renamed_is_read(genuine: Path, tmp_path: Path) -> None:

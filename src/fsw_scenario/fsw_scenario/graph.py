@@ -153,14 +153,14 @@ class WeldGraph:
             return not player.running
 
         launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
-        if player.process.returncode != 0 or not player.status()["finished"]:
+        if not player.status()["finished"]:
             raise LaunchError(f"the scenario player failed: {player.last_lines()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
-        codes |= launcher.stop()
-        failed = [f"{name} with exit code {code}" for name, code in codes.items() if code > 0]
-        if failed:
-            raise LaunchError(f"did not exit cleanly: {', '.join(failed)}; see {launcher.log_folder}")
-        for name, code in codes.items():
-            if code < 0:  # most often it was slow, and the launcher has ended it
-                print(f"note: the weld is complete; {name} was ended by {Signals(-code).name}", file=sys.stderr)
+        codes |= launcher.stop() | {"scenario": player.process.returncode}
+        if codes.get("recorder", 0) > 0:  # the bag could not be written
+            raise LaunchError(f"recorder has ended with exit code {codes['recorder']}; see {launcher.log_folder}")
+        for name, code in codes.items():  # most often a process was slow, and has been ended by a signal
+            if code:
+                how = f"was ended by {Signals(-code).name}" if code < 0 else f"has ended with exit code {code}"
+                print(f"note: the weld is complete; {name} {how}; see {launcher.log_folder}", file=sys.stderr)
         return float(player.status()["wall_s"])

@@ -50,12 +50,14 @@ def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_n
 class EndedWeld:
     """A launcher of processes whose weld has been played to its end; ``codes`` are exit codes other than 0."""
 
-    def __init__(self, **codes):
+    def __init__(self, finished=True, **codes):
         self.children, self.codes, self.log_folder = {}, codes, Path("log")
+        self.finished = finished
 
     def start(self, name, module, arguments=()):
-        status = {"tick": 50, "finished": True, "wall_s": 1.5}
-        child = SimpleNamespace(running=False, process=SimpleNamespace(returncode=0), status=lambda: status)
+        status = {"tick": 50, "finished": self.finished, "wall_s": 1.5}
+        child = SimpleNamespace(running=False, process=SimpleNamespace(returncode=self.codes.get(name, 0)))
+        child.status, child.last_lines, child.log = lambda: status, lambda: "", Path("log")
         self.children[name] = child
         return child
 
@@ -66,12 +68,17 @@ class EndedWeld:
         return {name: self.codes.get(name, 0) for name in names or self.children}
 
 
-def test_a_process_that_has_to_be_killed_after_the_weld_is_noted(tmp_path, capsys):
+def test_however_a_process_ends_after_the_weld_is_a_note(tmp_path, capsys):
     graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), tmp_path)
-    assert graph.run(EndedWeld(recorder=-9, supervisor=-15)) == 1.5
+    assert graph.run(EndedWeld(recorder=-9, supervisor=1, scenario=-14)) == 1.5
     notes = capsys.readouterr().err.splitlines()
-    assert len(notes) == 2
-    assert "recorder" in notes[0]
-    assert "SIGKILL" in notes[0]
-    with pytest.raises(LaunchError, match="recorder with exit code 1"):  # the bag could not be written
-        graph.run(EndedWeld(recorder=1, supervisor=-15))
+    assert len(notes) == 3
+    for name, how in (("recorder", "SIGKILL"), ("supervisor", "exit code 1"), ("scenario", "SIGALRM")):
+        assert any(name in note and how in note for note in notes)
+
+
+def test_a_weld_is_lost_if_it_was_not_finished_or_its_bag_could_not_be_written(tmp_path):
+    graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), tmp_path)
+    for launcher in (EndedWeld(recorder=1), EndedWeld(finished=False), EndedWeld(finished=False, scenario=1)):
+        with pytest.raises(LaunchError):
+            graph.run(launcher)
