@@ -67,7 +67,8 @@ def verify(arguments: argparse.Namespace) -> int:
         replayed = replay(messages, name, make, described)
         result = replayed.against_own(name, arguments.tolerance)
         print_notes(replayed.notes)
-        print("\n".join(result.lines()), flush=True)
+        decided = replayed.comparable or not result.beyond
+        print("\n".join(result.lines() if decided else [f"{name}: cannot be compared"]), flush=True)
         if result.beyond and code != 1:
             code = 1 if replayed.comparable else _NOT_COMPARABLE
         any_replayed = True

@@ -118,7 +118,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     if not middleware_is_here():
         print(f"no ROS 2 here: welds in one process, without bags; results go to {folder}", file=sys.stderr)
         written = [path for name in names for path in _without_middleware(name, controllers, folder)]
-        return _tell_end(began, written)
+        return _print_end(began, written)
     pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
     print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
     welds = {scenario.name: _graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios}
@@ -127,7 +127,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     written = []
     for scenario in scenarios:
         written += _results(scenario, welds[scenario.name], folder / scenario.name)
-    return _tell_end(began, written)
+    return _print_end(began, written)
 
 
 def _without_middleware(name: str, controllers: dict[str, dict[str, str]], folder: Path) -> list[Path]:
@@ -145,7 +145,7 @@ def _without_middleware(name: str, controllers: dict[str, dict[str, str]], folde
     return write_results(scenario, runs, place)
 
 
-def _tell_end(began: float, written: Sequence[Path]) -> int:
+def _print_end(began: float, written: Sequence[Path]) -> int:
     print(f"done in {time.monotonic() - began:.0f} s; look at")
     for path in written:
         print(f"  {path}")

@@ -22,14 +22,12 @@ from fsw_recorder.bag_reader import UNKNOWN_NS, BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
+from fsw_recorder.stamps import stamp_ns
 from fsw_schema.yaml_text import load_yaml
 
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
 Column = npt.NDArray[Any]
-
-#: a message that was lost and sent again is received up to so much later than the ones after it (chosen)
-_LATE_NS = 10 * NANOSECONDS
 
 #: what a field of a kind is once decoded, and what stands for it where the type has no such field
 _KINDS: dict[Kind, tuple[type, Any]] = {
@@ -132,7 +130,9 @@ class WeldMessages:
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
         #: log time, publish time and data of every message of a topic
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
-        if any(_disordered(self.raw.get(topic, [])) for topic, _ in SENSOR_FIELDS.values()):
+        sensors = [self.raw.get(topic, []) for topic, _ in SENSOR_FIELDS.values()]
+        back, published_back = (any(_goes_back(messages, time) for messages in sensors) for time in (0, 1))
+        if (back and not published_back) or any(map(_simultaneous, sensors)):
             self.problems.append(f"{path}: the receive times are wrong; the publish times stand for them")
             for messages in self.raw.values():
                 messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
@@ -191,13 +191,15 @@ class WeldMessages:
         return Table(times, columns)
 
 
-def _disordered(messages: Sequence[tuple[int, int, bytes]]) -> bool:
-    """Whether what one node has published was not received in that order, by more than a lost message is late."""
-    in_order = sorted(messages, key=itemgetter(1))
-    return any(
-        before[1] < after[1] and (before[0] == after[0] or before[0] > after[0] + _LATE_NS)
-        for before, after in pairwise(in_order)
-    )
+def _goes_back(messages: Sequence[tuple[int, int, bytes]], time: int) -> bool:
+    """Whether the stamps of one node's messages go back in the order of their receive (0) or publish (1) times."""
+    stamps = [stamp_ns(data) or 0 for _, _, data in sorted(messages, key=itemgetter(time))]
+    return any(after < before for before, after in pairwise(stamps))
+
+
+def _simultaneous(messages: Sequence[tuple[int, int, bytes]]) -> bool:
+    """Whether messages that one node has published one after the other were received at the same time."""
+    return any(a[0] == b[0] and a[1] != b[1] for a, b in pairwise(sorted(messages, key=itemgetter(0))))
 
 
 def _has(message: Any, path: str, kind: Kind) -> bool:

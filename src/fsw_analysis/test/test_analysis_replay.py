@@ -273,6 +273,7 @@ RECEIVED: dict[str, Callable[[BagRecord], list[int]]] = {
     "all twice": lambda one: [one.log_time_ns] * 2,
     "all twice, later": lambda one: [one.log_time_ns, one.log_time_ns + 1500],
     "clock set back": lambda one: [one.log_time_ns - (3600 * 10**9 if one.log_time_ns > 2**60 + 200_000 else 0)],
+    "clock set back a little": lambda one: [one.log_time_ns - (150_000 if one.log_time_ns > 2**60 + 200_000 else 0)],
     "all the same": lambda one: [2**60],
     "no time now and then": lambda one: [(0 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
     "no time at last": lambda one: [(2**64 - 1 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)],
