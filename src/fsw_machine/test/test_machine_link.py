@@ -34,7 +34,7 @@ from fsw_test_support import machine_server
 from fsw_test_support.certificates import make
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.machine_server import CLIENT_URI, SERVER_URI
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 SETTINGS = LinkSettings(request_timeout_s=60.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
 
@@ -159,6 +159,8 @@ def test_clock_at_1601_is_told_or_does_not_matter(connect, plain, folder, shippe
     running, port = plain
     since = datetime(1970, 1, 1) - datetime(1601, 6, 1)
     running.do(lambda server: setattr(server, "clock_offset_ns", -time.time_ns() - round(since.total_seconds() * 1e9)))
+    before = running.server.counter
+    wait_until(lambda: running.server.counter > before + 1, "a cycle with this clock")
     try:
         assert "year 1601; set the machine's clock" in told(connect, folder, port, shipped_text)
         connect(write_machine_file(folder / "old.yaml", port, shipped_text), received=True).next(CycleRead)
