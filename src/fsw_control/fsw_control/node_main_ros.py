@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import os
 import signal
 import sys
@@ -134,7 +135,8 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
                 node.destroy_node()
             context = get_default_context()
             with ends_in_time():
-                rclpy.try_shutdown()
+                with contextlib.suppress(RuntimeError):  # the thread of rclpy's signal handler was faster
+                    rclpy.try_shutdown()
                 # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
                 context.destroy()
     return 0
