@@ -4,8 +4,8 @@
 usage: recorded.py [--quick] [--welds N] [--at-a-time N] [--busy N] [--scenario NAME] [--json FILE]
 
 Lockstep welds as processes under the NMPC, with the decentralized controller beside it and a recorder; further
-processes do nothing but compute. A weld is discarded when its run fails; the ticks that each topic lacks come from the
-stamps in the bag, and the number of ticks from the scenario.
+processes do nothing but compute. A weld is discarded when its run fails. The ticks that each topic lacks come from the
+stamps in the bag: a tick is what any topic has, and the plant's topics have at least those of the scenario.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if __name__ == "__main__":
 
 from report import Figures, parser, save, show
 
-from fsw_analysis.tick_gaps import TickCounter
+from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
 from fsw_recorder.bag_reader import BagReader
@@ -37,14 +37,12 @@ from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import Scenario, load
 
-#: of these topics each tick has one message
-EACH_TICK = (
-    "/fsw/depth",
-    "/fsw/spindle_torque",
-    "/fsw/thermocouple",
-    "/fsw/drives",
-    "/fsw/plant/truth",
+#: of each tick the plant sends these
+FROM_PLANT = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/fsw/drives", "/fsw/plant/truth")
+#: and the others answer with these; only the last tick of a weld may be without an answer
+ANSWERS = (
     "/fsw/command",
+    *(f"/fsw/{name}/{topic}" for name in ("decentral", "nmpc") for topic in ("proposal", "status")),
 )
 
 
@@ -64,20 +62,20 @@ def weld(scenario: Scenario, folder: Path) -> Counter[str]:
 
 
 def lacking(bag: Path, ticks: int) -> Counter[str]:
-    """Ticks that a bag lacks of those that the scenario has, in total and by the recorder's own account."""
-    counter, stamps = TickCounter(), Counter[str]()
+    """Ticks that the topics of a bag lack of those that any of them has, and ticks of the scenario that none has."""
+    counter, messages = TickCounter(), Counter[str]()
     with BagReader(bag) as reader:
         for record in reader.records():
             counter.note(record)
-            stamps[record.topic] += record.topic in EACH_TICK
+            messages[record.topic] += 1
         remarks = len(reader.problems)
-    gaps = counter.gaps()
-    return Counter(
-        ticks=ticks,
-        missing_by_number=sum(max(0, ticks - stamps[topic]) for topic in EACH_TICK),
-        missing_inside=sum(gaps[topic].missing for topic in gaps),
-        remarks=remarks,
-    )
+    found = Counter(ticks=ticks, remarks=remarks)
+    for topic in (*FROM_PLANT, *ANSWERS):
+        gaps = counter.gaps().get(topic, TickGaps(0, 0, ticks, 0))
+        found[f"missing {topic}"] = gaps.before + gaps.missing + max(0, gaps.after - (topic in ANSWERS))
+    for topic in FROM_PLANT:
+        found[f"missing {topic}"] += max(0, ticks - messages[topic])
+    return found
 
 
 def measure(welds: int, at_a_time: int, busy: int, name: str, folder: Path) -> Figures:
@@ -90,8 +88,10 @@ def measure(welds: int, at_a_time: int, busy: int, name: str, folder: Path) -> F
         with ThreadPoolExecutor(at_a_time) as pool:
             found = list(pool.map(lambda number: weld(scenario, folder / f"weld{number}"), range(welds)))
     total = sum(found, Counter[str]())
-    names = ("welds", "ticks", "discarded", "missing_by_number", "missing_inside", "remarks")
-    return {name: total[name] for name in names} | {"load_mean": total["load"] / welds}
+    missing = {name: total[name] for name in total if name.startswith("missing ")}
+    names = ("welds", "ticks", "discarded", "remarks")
+    counts = {name: total[name] for name in names} | {"missing": sum(missing.values())}
+    return counts | missing | {"load_mean": total["load"] / welds}
 
 
 def main() -> None:
