@@ -2,7 +2,6 @@
 
 Hypothesis has no deadline and does not mind slow examples, for a busy machine decides how long one takes. And what the
 tests of a file leave in the environment ends with it: Dask, for one, leaves settings of malloc there for its workers.
-So must nodes: one that is left in its ROS domain meets another test there, for the numbers come round.
 
 Linear algebra has one thread, here and in the processes that tests start: several tests run at a time, and threads of
 OpenBLAS that have no core to themselves spin.
@@ -41,7 +40,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def environment() -> Iterator[None]:
-    """The environment after a file is that before it, no node is left, and hardly an open file."""
+    """The environment after a file is that before it, and hardly a file is left open."""
     before, open_before = dict(os.environ), _open_files()
     yield
     changed = [name for name in os.environ if os.environ[name] != before.get(name)]

@@ -153,6 +153,12 @@ def metadata(version: int, storage: str, files: list[str], source: Source, **cha
     return yaml.safe_dump({"rosbag2_bagfile_information": content | changes}).encode()
 
 
+def compress(path: Path) -> None:
+    """Compress a file as rosbag2 does."""
+    path.with_name(f"{path.name}.zstd").write_bytes(zstandard.compress(path.read_bytes()))
+    path.unlink()
+
+
 @form("as this recorder writes it")
 def _(source: Source, bag: Path) -> None:
     shutil.copytree(source.folder, bag, dirs_exist_ok=True)
@@ -227,9 +233,8 @@ def _(source: Source, bag: Path) -> None:
 
 @form("mcap, compressed as a file by rosbag2")
 def _(source: Source, bag: Path) -> None:
-    write_mcap(bag / "plain.mcap", source)
-    (bag / "weld_0.mcap.zstd").write_bytes(zstandard.compress((bag / "plain.mcap").read_bytes()))
-    (bag / "plain.mcap").unlink()
+    write_mcap(bag / "weld_0.mcap", source)
+    compress(bag / "weld_0.mcap")
     changes = {"compression_format": "zstd", "compression_mode": "FILE"}
     (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap.zstd"], source, **changes))
 
@@ -241,24 +246,18 @@ def _(source: Source, bag: Path) -> None:
     (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap"], source, **changes))
 
 
-@form("mcap in two files, the first decompressed since")
-def _(source: Source, bag: Path) -> None:
-    half = len(source.records) // 2
-    write_mcap(bag / "weld_0.mcap", source, source.records[:half])
-    write_mcap(bag / "plain.mcap", source, source.records[half:])
-    (bag / "weld_1.mcap.zstd").write_bytes(zstandard.compress((bag / "plain.mcap").read_bytes()))
-    (bag / "plain.mcap").unlink()
-    (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap.zstd", "weld_1.mcap.zstd"], source))
+for _changed, _listed, _compressed in (
+    ("decompressed", ["weld_0.mcap.zstd", "weld_1.mcap.zstd"], "weld_1.mcap"),
+    ("compressed", ["weld_0.mcap", "weld_1.mcap"], "weld_0.mcap"),
+):
 
-
-@form("mcap in two files, the first compressed since")
-def _(source: Source, bag: Path) -> None:
-    half = len(source.records) // 2
-    write_mcap(bag / "plain.mcap", source, source.records[:half])
-    write_mcap(bag / "weld_1.mcap", source, source.records[half:])
-    (bag / "weld_0.mcap.zstd").write_bytes(zstandard.compress((bag / "plain.mcap").read_bytes()))
-    (bag / "plain.mcap").unlink()
-    (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", ["weld_0.mcap", "weld_1.mcap"], source))
+    @form(f"mcap in two files, the first {_changed} since")
+    def _(source: Source, bag: Path, listed: list[str] = _listed, compressed: str = _compressed) -> None:
+        half = len(source.records) // 2
+        write_mcap(bag / "weld_0.mcap", source, source.records[:half])
+        write_mcap(bag / "weld_1.mcap", source, source.records[half:])
+        compress(bag / compressed)
+        (bag / "metadata.yaml").write_bytes(metadata(9, "mcap", listed, source))
 
 
 @form("mcap, compressed as a file by hand", remarks=1)
@@ -290,9 +289,8 @@ for _version in (2, 4):
 
 @form("sqlite3, compressed as a file by rosbag2")
 def _(source: Source, bag: Path) -> None:
-    write_sqlite(bag / "plain", source, 4).close()
-    (bag / "weld_0.db3.zstd").write_bytes(zstandard.compress((bag / "plain").read_bytes()))
-    (bag / "plain").unlink()
+    write_sqlite(bag / "weld_0.db3", source, 4).close()
+    compress(bag / "weld_0.db3")
     changes = {"compression_format": "zstd", "compression_mode": "FILE"}
     (bag / "metadata.yaml").write_bytes(metadata(9, "sqlite3", ["weld_0.db3.zstd"], source, **changes))
 

@@ -130,14 +130,21 @@ class WeldMessages:
         self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
         #: log time, publish time and data of every message of a topic
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
-        sensors = [self.raw.get(topic, []) for topic, _ in SENSOR_FIELDS.values()]
-        back, published_back = (any(_goes_back(messages, time) for messages in sensors) for time in (0, 1))
-        if (back and not published_back) or any(map(_simultaneous, sensors)):
-            self.problems.append(f"{path}: the receive times are wrong; the publish times stand for them")
-            for messages in self.raw.values():
-                messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
+        self._order()
+
+    def _order(self) -> None:
+        """Order the messages of each topic by receive times or, where the sensors' are wrong, by publish times."""
         for messages in self.raw.values():
             messages.sort(key=itemgetter(0))
+        sensors = [self.raw.get(topic, []) for topic, _ in SENSOR_FIELDS.values()]
+        wrong = any(map(_simultaneous, sensors))
+        if not wrong and any(map(_goes_back, sensors)):  # else the plant was started again, if these go back, too
+            wrong = not any(_goes_back(sorted(messages, key=itemgetter(1))) for messages in sensors)
+        if wrong:
+            self.problems.append(f"{self.path}: the receive times are wrong; the publish times stand for them")
+            for messages in self.raw.values():
+                messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
+                messages.sort(key=itemgetter(0))
 
     def controllers(self, what: str) -> dict[str, str]:
         """Topics of the controllers' messages of one kind (``proposal`` or ``status``), by the controller's name."""
@@ -191,15 +198,15 @@ class WeldMessages:
         return Table(times, columns)
 
 
-def _goes_back(messages: Sequence[tuple[int, int, bytes]], time: int) -> bool:
-    """Whether the stamps of one node's messages go back in the order of their receive (0) or publish (1) times."""
-    stamps = [stamp_ns(data) or 0 for _, _, data in sorted(messages, key=itemgetter(time))]
+def _goes_back(messages: Sequence[tuple[int, int, bytes]]) -> bool:
+    """Whether the stamps of one node's messages go back."""
+    stamps = [stamp_ns(data) or 0 for _, _, data in messages]
     return any(after < before for before, after in pairwise(stamps))
 
 
 def _simultaneous(messages: Sequence[tuple[int, int, bytes]]) -> bool:
     """Whether messages that one node has published one after the other were received at the same time."""
-    return any(a[0] == b[0] and a[1] != b[1] for a, b in pairwise(sorted(messages, key=itemgetter(0))))
+    return any(a[0] == b[0] and a[1] != b[1] for a, b in pairwise(messages))
 
 
 def _has(message: Any, path: str, kind: Kind) -> bool:

@@ -133,13 +133,17 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             interrupts.phase = "ending"
             if node is not None:
                 node.destroy_node()
-            context = get_default_context()
-            with ends_in_time():
-                with contextlib.suppress(RuntimeError):  # the thread of rclpy's signal handler was faster
-                    rclpy.try_shutdown()
-                # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
-                context.destroy()
+            _leave_graph()
     return 0
+
+
+def _leave_graph() -> None:
+    context = get_default_context()
+    with ends_in_time():
+        with contextlib.suppress(RuntimeError):  # the thread of rclpy's signal handler was faster
+            rclpy.try_shutdown()
+        # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
+        context.destroy()
 
 
 def main_of(

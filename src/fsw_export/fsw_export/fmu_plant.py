@@ -42,10 +42,9 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant.
+    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file`` and factors ``model.*``.
 
-    Its parameters are those of ``plant.yaml`` (the FMU's own, ``model_file``, factors ``model.*``) and on a canister
-    ``canister.*`` and the tool's first position.
+    On a canister also ``canister.*`` and the tool's first position.
 
     Raises
     ------

@@ -228,7 +228,7 @@ class PlantNode(ManagedNode):
             self._next_tick()
 
     def _await_arrival(self) -> None:
-        """Wait until all subscribers have what was sent; the recorder, whom no tick waits for, must miss nothing.
+        """Wait until all subscribers have what was sent; the recorder, which no tick waits for, must miss nothing.
 
         A subscriber that stands still for too long is not waited for again before it has caught up.
         """

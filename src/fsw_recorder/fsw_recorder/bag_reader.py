@@ -12,6 +12,7 @@ from pathlib import Path
 from mcap.records import Attachment
 
 from fsw_recorder.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
+from fsw_recorder.compressed import SUFFIX as COMPRESSED
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_file import McapFile
 from fsw_recorder.rosbags_file import RosbagsFile
@@ -22,7 +23,7 @@ __all__ = ["BagInfo", "BagReader", "BagRecord"]
 FOREVER_NS = 2**64
 #: receive times that stand for none
 UNKNOWN_NS = (0, FOREVER_NS - 1)
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+SUFFIXES = (".mcap", ".db3", f".mcap{COMPRESSED}", f".db3{COMPRESSED}")
 #: progress is reported every so many messages
 _PROGRESS_STEP = 8192
 
@@ -121,7 +122,7 @@ class BagReader:
             raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         listed = []
         for name in dict.fromkeys(self.metadata.files):
-            names = (name, f"{name}.zstd", name.removesuffix(".zstd"))  # compressed or decompressed since
+            names = (name, name + COMPRESSED, name.removesuffix(COMPRESSED))  # compressed or decompressed since
             stored = next(filter(present.get, names), None)
             if stored is not None:
                 listed.append(stored)
@@ -134,7 +135,7 @@ class BagReader:
         return [present[name] for name in listed]
 
     def _open_file(self, file: Path) -> McapFile | RosbagsFile:
-        if file.is_file() and file.name.endswith((".mcap", ".mcap.zstd")):
+        if file.is_file() and file.name.endswith((".mcap", f".mcap{COMPRESSED}")):
             part: McapFile | RosbagsFile = McapFile(file, self._add_problem)
         else:
             part = RosbagsFile(file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3")
@@ -143,10 +144,12 @@ class BagReader:
 
     def files(self) -> list[Path]:
         """The files that are read, with the write-ahead logs of sqlite3 beside them."""
-        folder = self.path if self.path in self._paths and self.path.is_dir() else None
-        paths = [path for path in folder.iterdir() if path.name.endswith(SUFFIXES)] if folder else self._paths
-        logs = (path.with_name(f"{path.name}-wal") for path in paths)
-        return [*paths, *(log for log in logs if log.is_file())]
+        logs = (path.with_name(f"{path.name}-wal") for path in self._storage())
+        return [*self._storage(), *(log for log in logs if log.is_file())]
+
+    def _storage(self) -> list[Path]:
+        """The storage files; with compressed messages those that the metadata list, which then are read as a whole."""
+        return [self.path / name for name in self.metadata.files] if self.metadata.messages_compressed else self._paths
 
     def records(
         self,
@@ -189,7 +192,7 @@ class BagReader:
                 note(record)
         if unknown:
             self._add_problem(f"{self.path}: {unknown} messages have no receive time")
-        files = [self.path / name for name in self.metadata.files] if self.metadata.messages_compressed else self._paths
+        files = self._storage()
         self._info = BagInfo(
             path=self.path,
             storage=self._parts[0].storage,

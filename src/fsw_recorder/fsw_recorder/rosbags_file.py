@@ -36,9 +36,8 @@ def with_its_log(path: Path) -> Iterator[Path]:
         copy = Path(folder) / path.name
         for original in (path, log):
             shutil.copyfile(original, copy.with_name(original.name))
-        with closing(
-            sqlite3.connect(copy)
-        ) as database:  # moves the log into the file, as the last one to close it does
+        with closing(sqlite3.connect(copy)) as database:
+            # moves the log into the file, as the last one to close it does
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         yield copy
 

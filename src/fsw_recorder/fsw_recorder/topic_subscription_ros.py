@@ -65,8 +65,8 @@ class TopicSubscription:
 
     A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
     when it comes first. `lost` counts the messages that a subscription has not received between others, by their
-    numbers; a middleware that gives none tells of no loss. With events of the middleware it would be told more, but
-    Fast DDS then wakes the executor for each message, too.
+    numbers: none with a middleware that does not number them. Its events would report more losses, but with them Fast
+    DDS wakes the executor for each message, too.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:

@@ -119,9 +119,9 @@ def test_nothing_is_recorded_before_the_awaited_topics_are_there(graph: Any, tmp
     recorder = start_recorder(graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05")
     late = graph.node.create_publisher(String, "/fsw/late", 10)
     graph.until(lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once")
-    for _ in range(3):  # the recorder has looked again before it answers
-        graph.ask(IsPaused, "/fsw_recorder/is_paused")
-        time.sleep(0.1)
+    reports: list[DiagnosticArray] = []
+    graph.node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
+    graph.until(lambda: len(reports) >= 2, "reports, between which the recorder has looked again")
     assert depth.get_subscription_count() == 0
     graph.node.create_publisher(String, "/fsw/later", 10)
     talk(graph, depth, 3)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.status_file import VARIABLE, read_status
 
 _POLL_S = 0.02
@@ -71,13 +72,13 @@ class Launcher:
         self.children: dict[str, Child] = {}
         self._patience_s = patience_s
         self._environment = {
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),
             "PYTHONUNBUFFERED": "1",
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         }
         self._environment.pop("ROS_DISCOVERY_SERVER", None)
+        stay_on_this_machine(self._environment)
         log_folder.mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Launcher:
