@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from importlib import import_module
 
@@ -32,7 +31,5 @@ NODES = {
 )
 def node(arguments: argparse.Namespace) -> int:
     sys.argv = [f"fsw node {arguments.node}", *arguments.words]  # nodes read their arguments there
-    if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a node ends by its own handler, with 0
     code: int = import_module(NODES[arguments.node]).main()
     return code

@@ -1,17 +1,21 @@
-"""Nodes without rclpy's default event handlers, which would double the cost of each wait, and that end in time."""
+"""Nodes without rclpy's default event handlers, which would double the cost of each wait, and that end well."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 #: how long ROS may take to leave the graph (chosen: a loaded machine takes some seconds)
 _LONGEST_END_S = 10.0
+#: how long what a node says last may take to arrive; a subscriber that was killed does not answer
+_LAST_WORDS_S = 1.0
 
 
 @contextlib.contextmanager
@@ -55,7 +59,17 @@ class LightNode:
             options["event_callbacks"] = SubscriptionEventCallbacks(use_default_callbacks=False)
         return super().create_subscription(*arguments, **options)  # type: ignore[misc]
 
+    def has_arrived(self, longest_s: float) -> bool:
+        """Wait until all reliable subscribers have what was published; False if some still lack it after that time."""
+        end_s = time.monotonic() + longest_s
+        return all(
+            publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
+            for publisher in self.publishers  # type: ignore[attr-defined]
+        )
+
     def destroy_node(self) -> None:
-        """As ``Node.destroy_node``, but see :func:`ends_in_time`."""
+        """As ``Node.destroy_node``, but what was published arrives first, and see :func:`ends_in_time`."""
         with ends_in_time():
+            if self.context.ok():  # type: ignore[attr-defined]
+                self.has_arrived(_LAST_WORDS_S)
             super().destroy_node()  # type: ignore[misc]

@@ -6,15 +6,18 @@ import atexit
 import contextlib
 import os
 import signal
+import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_default_context, remove_ros_args
 
 from fsw_control import fast_dds
@@ -22,38 +25,44 @@ from fsw_control.light_node_ros import ends_in_time
 from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.parameters import ParameterSpec, Source, load_source
 
-#: A Ctrl-C later than this after the first one counts as a second.
+#: A signal later than this after the first one counts as a second.
 _PATIENCE_S = 1.0
 
 
 class _Interrupts:
-    """What SIGINT does in addition to the shutdown by rclpy's own handler, which calls this one.
+    """What SIGINT and SIGTERM do, in place of rclpy's handlers.
 
-    While the node starts, KeyboardInterrupt ends it at once. While it spins the shutdown is enough, and an exception in
-    the middle of rclpy would do harm; only a second Ctrl-C later on breaks a callback that does not return. While it
-    ends nothing happens: a Ctrl-C often comes twice, from the terminal and from launch, and must not cut off a bag.
+    Those shut ROS down in the middle of a callback: what it publishes after that is dropped without a word, and what it
+    published before need not arrive. Here the callback ends first, and then the node.
+
+    While the node starts, KeyboardInterrupt ends it at once. While it spins, only a second signal later on breaks a
+    callback that does not return. While it ends nothing happens: a Ctrl-C often comes twice, from the terminal and from
+    launch, and must not cut off a bag.
     """
 
     def __init__(self) -> None:
         self.phase = "starting"
         self._first_s: float | None = None
-        self._installed = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    @property
+    def asked(self) -> bool:
+        """Whether a signal has come."""
+        return self._first_s is not None
 
     def __enter__(self) -> _Interrupts:
-        in_main_thread = threading.current_thread() is threading.main_thread()
-        if in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self)
-            self._installed = True
+        if threading.current_thread() is threading.main_thread():
+            for sign in (signal.SIGINT, signal.SIGTERM):
+                if signal.getsignal(sign) in (signal.default_int_handler, signal.SIG_DFL):
+                    self._before[sign] = signal.signal(sign, self)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._installed:
-            # Once interrupted, the process ends; another Ctrl-C must not show until the lines below hold.
-            ended = self._first_s is not None
-            signal.signal(signal.SIGINT, signal.SIG_IGN if ended else signal.default_int_handler)
+        for sign, handler in self._before.items():
+            # Once interrupted, the process ends; another Ctrl-C must not show until the line below holds.
+            signal.signal(sign, signal.SIG_IGN if self.asked else handler)
             # A second signal while the interpreter ends must not change the exit code.
-            atexit.register(signal.signal, signal.SIGTERM, signal.SIG_IGN)
-            atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+            atexit.register(signal.signal, sign, signal.SIG_IGN)
 
     def __call__(self, *_: object) -> None:
         now_s = time.monotonic()
@@ -63,19 +72,46 @@ class _Interrupts:
             self.phase = "ending"
             raise KeyboardInterrupt
 
+    @contextlib.contextmanager
+    def waking(self, executor: Executor) -> Iterator[None]:
+        """Let a signal wake the executor: Python runs no handler while the main thread waits in the middleware."""
+        if not self._before:
+            yield
+            return
+        reader, writer = socket.socketpair()
+        writer.setblocking(False)
 
-def _spin(node: Node) -> None:
-    """Spin until shutdown. A request for a transition that a managed node does not have now does not end it.
+        def wake() -> None:
+            while reader.recv(1):
+                executor.create_task(lambda: None)
+
+        thread = threading.Thread(target=wake, name="signals", daemon=True)
+        thread.start()
+        before = signal.set_wakeup_fd(writer.fileno())
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+            writer.close()
+            thread.join()
+            reader.close()
+
+
+def _spin(node: Node, interrupts: _Interrupts) -> None:
+    """Spin until a signal or shutdown. A request for a transition that a managed node does not have now is no end.
 
     rclpy raises it as a RuntimeError of its own out of the service's callback.
     """
-    while True:
-        try:
-            return rclpy.spin(node)
-        except RuntimeError as error:
-            if not isinstance(node, LifecycleNode) or "transition" not in str(error):
-                raise
-            node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
+    executor = rclpy.get_global_executor()
+    executor.add_node(node)
+    with interrupts.waking(executor):
+        while rclpy.ok() and not interrupts.asked:
+            try:
+                executor.spin_once()
+            except RuntimeError as error:
+                if not isinstance(node, LifecycleNode) or "transition" not in str(error):
+                    raise
+                node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
 
 
 def run(factory: Callable[..., Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
@@ -110,7 +146,7 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
             if arguments is not None:
                 arguments.check(argv)  # before ROS opens files: from a pipe it would read for ever
             os.environ.update(fast_dds.settings(os.environ))
-            rclpy.init(args=argv)
+            rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
             started = True
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0
@@ -118,7 +154,7 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
             node = factory(*words)
             interrupts.phase = "spinning"
-            _spin(node)
+            _spin(node, interrupts)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:
@@ -140,8 +176,7 @@ def run(factory: Callable[..., Node], args: Sequence[str] | None = None, argumen
 def _leave_graph() -> None:
     context = get_default_context()
     with ends_in_time():
-        with contextlib.suppress(RuntimeError):  # the thread of rclpy's signal handler was faster
-            rclpy.try_shutdown()
+        rclpy.try_shutdown()
         # A node whose start was refused half-way cannot be destroyed; it leaves the graph here all the same.
         context.destroy()
 

@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 import rclpy
 from sensor_msgs.msg import Temperature
+from std_msgs.msg import String
 
 from fsw_control import Reference, run_controller
 from fsw_control import messages_ros as convert
-from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_control.topics_ros import LATCHED, SENT, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
-from fsw_test_support.waiting import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
@@ -177,6 +178,60 @@ def test_more_interrupts_do_not_cut_off_the_end(domain_id, first):
             process.send_signal(signal.SIGINT)
         text = last_words(process)
     assert text == "closed\n"
+    assert process.returncode == 0
+
+
+SPEAKER = """
+import sys
+from std_msgs.msg import String
+from rclpy.node import Node
+from fsw_control.light_node_ros import LightNode
+from fsw_control.node_main_ros import run
+from fsw_control.topics_ros import SENT
+
+class Speaker(LightNode, Node):
+    def __init__(self):
+        super().__init__("speaker")
+        self.publisher = self.create_publisher(String, "/spoken", SENT)
+        self.create_timer(0.001, self.speak)
+
+    def speak(self):
+        if self.publisher.get_subscription_count() and sys.stdin.readline():
+            print("speaking", flush=True)
+            sys.stdin.readline()
+            for number in range(200):
+                self.publisher.publish(String(data=str(number)))
+
+sys.exit(run(Speaker))
+"""
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_what_a_callback_publishes_after_a_signal_arrives(peer, sent):
+    heard = []
+    peer.create_subscription(String, "/spoken", lambda message: heard.append(int(message.data)), SENT)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", SPEAKER], text=True, **pipes) as process:
+        try:
+            process.stdin.write("begin\n")
+            process.stdin.flush()
+            assert process.stdout.readline() == "speaking\n"
+            process.send_signal(sent)
+            last_words(process)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    wait(peer, lambda: len(heard) == 200)
+    assert heard == list(range(200))
+
+
+def test_a_signal_ends_a_node_that_only_waits(domain_id):
+    with spinning("next(iter(self.timers)).cancel()") as process:
+        state = Path(f"/proc/{process.pid}/stat")
+        wait_until(lambda: state.read_text().rpartition(")")[2].split()[0] == "S", "it waits in the middleware")
+        process.send_signal(signal.SIGTERM)
+        text = last_words(process)
+    assert text == "closing\nclosed\n"
     assert process.returncode == 0
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
@@ -233,11 +232,7 @@ class PlantNode(ManagedNode):
         A subscriber that stands still for too long is not waited for again before it has caught up.
         """
         before = self._arrived
-        end_s = time.monotonic() + (self._settings["lockstep_timeout_s"] if before else 0.0)
-        self._arrived = all(
-            publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
-            for publisher in self.publishers
-        )
+        self._arrived = self.has_arrived(self._settings["lockstep_timeout_s"] if before else 0.0)
         if before and not self._arrived:
             self.get_logger().warning(f"tick {self._plant.tick}: a subscriber does not receive; continuing without it")
 

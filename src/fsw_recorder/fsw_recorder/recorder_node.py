@@ -11,11 +11,9 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, NamedTuple
 
-import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Duration
 from rclpy.logging import get_logger
 from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
@@ -51,8 +49,6 @@ from fsw_recorder.topic_subscription_ros import TopicSubscription
 _REPORT_PERIOD_S = 1.0
 #: time between looks at what has been received [s]; the queues hold far more than comes meanwhile
 _POLL_PERIOD_S = 0.01
-#: how long what the node says last may take to arrive
-_LAST_WORDS = Duration(seconds=1)
 
 
 class _Bag(NamedTuple):
@@ -188,10 +184,7 @@ class RecorderNode(ManagedNode):
             self._failure_told = True  # here, so that it is on /rosout
             self.get_logger().fatal(str(self.writer.error))
             self._report()
-            for publisher in self.publishers:  # the last that this node says
-                publisher.wait_for_all_acked(_LAST_WORDS)
-            rclpy.try_shutdown()
-            return
+            raise SystemExit(1)
         found = dict(self.get_topic_names_and_types())
         if self._awaited and all(self.get_publishers_info_by_topic(name) for name in self._awaited):
             self._awaited = []
