@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.contract import Limits
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
-from fsw_control.parameters import problem
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
@@ -33,6 +31,7 @@ from fsw_msgs.msg import DriveFeedback, WeldCommand
 
 try:
     from fsw_machine import certificates
+    from fsw_machine.link_errors import LinkError
     from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
     print(f"fsw_machine: {error.name} is missing: pip install asyncua", file=sys.stderr)
@@ -52,7 +51,7 @@ class MachineNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__("fsw_machine")
         self._settings = declare(self, "fsw_machine", "gateway.yaml")
-        self._settings.add_check(partial(problem, Limits.from_parameters))
+        self._settings.add_check(self._why_not)
         self._settings.on_change(self._on_parameters)
         self._link: MachineLink | None = None
         if self._settings["autostart"]:
@@ -182,6 +181,16 @@ class MachineNode(ManagedNode):
             self._refused = reason
 
     # ---------------------------------------------------------------- reports
+
+    def _why_not(self, values: dict[str, Any]) -> str | None:
+        """Why parameters cannot be taken together, or by the machine that is connected, or None."""
+        try:
+            limits = Limits.from_parameters(values)
+            if self._link is not None:
+                self._link.check(limits)
+        except (ValueError, LinkError) as error:
+            return str(error)
+        return None
 
     def _on_parameters(self, values: dict[str, Any]) -> None:
         if self.is_configured:

@@ -54,11 +54,10 @@ def check_clock(source_ns: int) -> None:
 
 async def check_nodes(
     client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId], limits: Limits
-) -> list[ua.VariantType]:
-    """Look whether all nodes exist, are of the right kind and may be written; returns the types of those written.
+) -> dict[str, ua.VariantType]:
+    """Look whether all nodes exist, are of the right kind and fit, and may be written; returns their types by name.
 
-    Nodes with whole numbers must hold all values inside the limits, or all plausible ones of a sensor, and be fine
-    enough for a move, or for its noise. A value that is only bad at present is no error here.
+    A value that is only bad at present is no error here.
 
     Raises
     ------
@@ -75,7 +74,6 @@ async def check_nodes(
     types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
     found = [_type(name, machine, values[name], types[name]) for name in names]
     kinds = dict(zip(names, found, strict=True))
-    needs = _needs(limits)
     for name, kind in kinds.items():
         node = machine.nodes[name].node
         if name == "permissive":
@@ -86,9 +84,7 @@ async def check_nodes(
             fits, wanted_kind = kind in _NUMBERS, "a number"
         if not fits:
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
-        need = needs.get(name.partition("_")[0])
-        if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
-            raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
+    check_whole_numbers(machine, kinds, limits)
     if kinds["heartbeat"] is not kinds["cycle"]:
         node, own, other = machine.nodes["heartbeat"].node, kinds["heartbeat"].name, kinds["cycle"].name
         raise LinkError(f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}")
@@ -96,7 +92,21 @@ async def check_nodes(
         level = None if answer.Value is None else answer.Value.Value
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
             raise LinkError(f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user")
-    return found[len(READ) :]
+    return kinds
+
+
+def check_whole_numbers(machine: MachineFile, kinds: dict[str, ua.VariantType], limits: Limits) -> None:
+    """Raise a `LinkError` if a node with whole numbers is too small or too coarse.
+
+    It must hold all values inside the limits, or all plausible ones of a sensor, and be fine enough for a move, or for
+    the sensor's noise.
+    """
+    needs = _needs(limits)
+    for name, kind in kinds.items():
+        need = needs.get(name.partition("_")[0])
+        if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
+            node = machine.nodes[name].node
+            raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
 
 
 @dataclass(frozen=True, slots=True)

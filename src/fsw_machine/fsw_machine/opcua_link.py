@@ -24,7 +24,7 @@ from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.link_errors import LinkError, words
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile, NodeSpec, Security, User
-from fsw_machine.node_check import WHOLE, check_clock, check_nodes, epoch_ns, raw_value
+from fsw_machine.node_check import WHOLE, check_clock, check_nodes, check_whole_numbers, epoch_ns, raw_value
 from fsw_machine.samples import CycleRead
 
 #: while connecting, requests may take longer: a server may be busy with keys [s]
@@ -106,7 +106,7 @@ class MachineLink:
         self._machine, self.settings, self._deliver = machine, settings, deliver
         self.tracker = CycleTracker(weld.TICK_S)
         self._client: Client | None = None
-        self._order_types: list[ua.VariantType] = []
+        self._kinds: dict[str, ua.VariantType] = {}
         self._nodes: dict[str, ua.NodeId] = {}
         self._loop = asyncio.new_event_loop()
         self._task: asyncio.Task[None] | None = None
@@ -130,6 +130,10 @@ class MachineLink:
         """Write an order; its ``Written`` follows, unless the connection is lost."""
         with contextlib.suppress(RuntimeError, FutureCancelledError):  # the loop has ended meanwhile
             self._loop.call_soon_threadsafe(self._begin_write, order)
+
+    def check(self, limits: Limits) -> None:
+        """Raise a `LinkError` if a node of the latest connection does not hold every value inside these limits."""
+        check_whole_numbers(self._machine, self._kinds, limits)
 
     # ---------------------------------------------------------------- in the thread
 
@@ -185,8 +189,8 @@ class MachineLink:
                 raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes}
-        self._order_types = await check_nodes(client, machine, self._nodes, self.settings.limits)
-        self.tracker.values = WHOLE[self._order_types[WRITTEN.index("heartbeat")]]
+        self._kinds = await check_nodes(client, machine, self._nodes, self.settings.limits)
+        self.tracker.values = WHOLE[self._kinds["heartbeat"]]
 
     async def _disconnect(self) -> None:
         client, self._client = self._client, None
@@ -250,10 +254,11 @@ class MachineLink:
             return
         try:
             numbers = (order.force, order.speed, order.heartbeat)
+            values = {name: _variant(number, self._kinds[name]) for name, number in zip(WRITTEN, numbers, strict=True)}
             request = ua.WriteParameters(
                 NodesToWrite=[
-                    ua.WriteValue(self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(_variant(number, kind)))
-                    for name, number, kind in zip(WRITTEN, numbers, self._order_types, strict=True)
+                    ua.WriteValue(self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(value))
+                    for name, value in values.items()
                 ]
             )
             results = await asyncio.wait_for(client.uaclient.write(request), self.settings.request_timeout_s)

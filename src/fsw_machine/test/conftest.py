@@ -10,6 +10,9 @@ from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead, RawValue
+from fsw_test_support.ros_graph import domain_id
+
+__all__ = ["domain_id"]
 
 START_NS = 1_700_000_000 * NANOSECONDS
 TICK_NS = NANOSECONDS // 10

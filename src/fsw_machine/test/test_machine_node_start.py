@@ -1,9 +1,11 @@
-"""The start of the gateway's node where its library is not installed."""
+"""The gateway's node: its start where its library is not installed, and limits that its machine cannot take."""
 
 import subprocess
 import sys
 
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
 
 pytestmark = pytest.mark.slow
 
@@ -13,3 +15,25 @@ def test_without_its_library_it_says_what_to_install_in_a_line():
     code = "import sys; sys.modules['asyncua'] = None; import fsw_machine.machine_node"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (2, "fsw_machine: asyncua is missing: pip install asyncua\n")
+
+
+def test_limits_that_a_node_of_the_machine_cannot_hold_are_refused(domain_id, shipped_text):
+    ua = pytest.importorskip("asyncua.ua")
+    from fsw_machine.machine_file import MachineFile
+    from fsw_machine.machine_node import MachineNode, _link_settings
+    from fsw_machine.opcua_link import MachineLink
+
+    rclpy.init(args=["test", "--ros-args", "-p", "autostart:=false"], domain_id=domain_id)
+    node = MachineNode()
+    try:
+        text = shipped_text.replace("ForceSetpoint, unit: kN", "ForceSetpoint, unit: N, scale: 2")
+        node._link = MachineLink(MachineFile.parse(text), _link_settings(node._settings.values), print)
+        node._link._kinds = {"force_setpoint": ua.VariantType.UInt16}  # as connecting leaves it: up to 131 kN
+        assert node._why_not(node._settings.values | {"limits.force_max_kn": 130.0}) is None
+        refused = node.set_parameters([Parameter("limits.force_max_kn", value=140.0)])[0]
+        assert not refused.successful
+        assert "nodes.force_setpoint" in refused.reason
+    finally:
+        node._link = None  # it was never started
+        node.destroy_node()
+        rclpy.shutdown()
