@@ -11,7 +11,7 @@ from fsw.bags import DAMAGED_TOO, bag_argument
 from fsw.command import command, switch
 from fsw.console import print_table
 from fsw.progress import ProgressBar
-from fsw_analysis.tick_gaps import TickCounter, TickGaps
+from fsw_analysis.tick_gaps import TickCounter
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagInfo, BagReader
 
@@ -29,14 +29,15 @@ def info(arguments: argparse.Namespace) -> int:
     with BagReader(arguments.bag) as reader, ProgressBar(f"reading {arguments.bag}") as bar:
         info = reader.info(bar, ticks.note)
     if arguments.json:
-        print(json.dumps(_info_values(info, ticks.gaps()), indent=2, ensure_ascii=False))
+        print(json.dumps(_info_values(info, ticks), indent=2, ensure_ascii=False))
     else:
-        _print(info, ticks.gaps())
+        _print(info, ticks)
     return 0
 
 
-def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
+def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
     """Summary as plain values; times in ns or s, sizes in bytes."""
+    gaps, (first_ns, last_ns) = ticks.gaps(), ticks.span_ns()
     return {
         "path": str(info.path),
         "storage": info.storage,
@@ -47,6 +48,8 @@ def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
         "start_ns": info.start_ns,
         "end_ns": info.end_ns,
         "duration_s": info.duration_s,
+        "first_stamp_ns": first_ns,
+        "last_stamp_ns": last_ns,
         "topics": [
             {
                 "name": one.name,
@@ -65,7 +68,8 @@ def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
     }
 
 
-def _print(info: BagInfo, gaps: dict[str, TickGaps]) -> None:
+def _print(info: BagInfo, ticks: TickCounter) -> None:
+    gaps, (first_ns, last_ns) = ticks.gaps(), ticks.span_ns()
     rows = [
         ("Bag", str(info.path)),
         ("Files", f"{', '.join(info.files)} ({info.size_bytes / _KIB:.1f} KiB, {info.storage})"),
@@ -73,6 +77,8 @@ def _print(info: BagInfo, gaps: dict[str, TickGaps]) -> None:
     if info.message_count:
         rows += [("Start", _when(info.start_ns)), ("End", _when(info.end_ns))]
     rows += [("Duration", f"{info.duration_s:.3f} s"), ("Messages", str(info.message_count))]
+    if gaps:  # the recorder's clock may have been set meanwhile, or time was simulated
+        rows.append(("Weld time", f"{(last_ns - first_ns) * 1e-9:.3f} s, according to the stamps"))
     rows += [("Attachment", f"{one.name} ({len(one.data)} bytes)") for one in info.attachments]
     rows += [("Custom data", f"{key}: {value}") for key, value in info.custom_data.items()]
     rows += [("Problem", problem) for problem in info.problems]

@@ -10,6 +10,7 @@ import pytest
 
 from fsw.main import main
 from fsw_control.contract import Command, Measurement, Proposal, Reference
+from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_scenario.controllers import KNOWN
@@ -32,6 +33,7 @@ def test_info_as_json(weld_bag: Path, capsys: pytest.CaptureFixture[str]) -> Non
     values = json.loads(capsys.readouterr().out)
     assert values["messages"] == 3361 and values["attachments"] == {"scenario.yaml": 19}
     assert {one["name"]: one["count"] for one in values["topics"]}["/fsw/depth"] == 300
+    assert values["last_stamp_ns"] - values["first_stamp_ns"] == 299 * TICK_NS
 
 
 def test_recovering_a_cut_bag(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,6 +48,11 @@ class TickCounter:
         if stamps is not None and (stamp := stamp_ns(record.data)):
             stamps.append(stamp)
 
+    def span_ns(self) -> tuple[int, int]:
+        """First and last stamp, by the clock of the weld; two zeros without any."""
+        stamps = [stamp for one in self._stamps.values() for stamp in one or ()]
+        return min(stamps, default=0), max(stamps, default=0)
+
     def gaps(self) -> dict[str, TickGaps]:
         """Missing ticks per topic.
 
