@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Ticks per second: the whole graph in lockstep (processes over DDS) and the closed loop in one process.
+"""What the graph of processes costs: ticks per second in lockstep, and at 10 Hz delay, processor, memory and start.
 
 usage: graph.py [--quick] [--json FILE]
+
+The delay is from the last sensor of a tick to its command, by the times of their publication in the bag.
 """
 
 import os
 import platform
+import shutil
 import statistics
 import sys
 import tempfile
@@ -19,16 +22,28 @@ if __name__ == "__main__":
 
     ensure()
 
+import rclpy
 from report import parser, save, show
 
 from fsw_control.free_domain import free_domain
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.stamps import stamp_ns
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
 
-AIMS = {"offline_steps_per_s": 20_000, "graph_steps_per_s": 300}
+AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
+SENSORS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
+#: of nodes whose start is timed by itself
+MODULES = {
+    "fsw_plant": "fsw_plant.plant_node",
+    "fsw_decentral": "fsw_decentral.decentral_node",
+    "fsw_nmpc": "fsw_nmpc.nmpc_node",
+    "fsw_supervisor": "fsw_supervisor.supervisor_node",
+    "fsw_recorder": "fsw_recorder.recorder_node",
+}
 
 
 def offline_steps_per_s(name, repetitions):
@@ -59,6 +74,76 @@ def graph_steps_per_s(name, controllers, repetitions):
     return statistics.median(rates), statistics.median(starts)
 
 
+def ten_hertz(name):
+    """Eight nodes at 10 Hz: time to the first tick, delay of the commands, processor and memory of each node."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        free_domain() as domain,
+        Launcher(Path(folder) / "log", domain) as launcher,
+    ):
+        place, monitor = Path(folder) / "weld", {"monitor": "fsw_quality.monitor_node"}
+        graph = WeldGraph(load(name), place, ("nmpc", "decentral"), True, standby=True, companions=monitor)
+        began_s, spent = time.perf_counter(), []
+
+        def note(_):
+            pids = {one.name: one.process.pid for one in launcher.children.values() if one.running}
+            spent.append((time.perf_counter(), {node: usage(pid) for node, pid in pids.items()}))
+
+        graph.run(launcher, note)
+        (first_s, first), (last_s, last) = spent[0], next(one for one in reversed(spent) if "scenario" in one[1])
+        figures = {"nodes": len(first), "start_of_graph_s": first_s - began_s} | delays_ms(graph.bag)
+        for node in first:
+            cpu_s = last[node][0] - first[node][0]
+            figures[f"{node}_cpu_percent"] = 100.0 * cpu_s / (last_s - first_s)
+            figures[f"{node}_mib"] = max(used[node][1] for _, used in spent if node in used)
+        return figures
+
+
+def usage(pid):
+    """Processor time [s] and resident memory [MiB] of a process."""
+    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    ticks, pages = int(words[11]) + int(words[12]), int(words[21])
+    return ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def delays_ms(bag):
+    """From the last sensor of a tick to its command."""
+    sensed, answered = {}, {}
+    with BagReader(bag) as reader:
+        for record in reader.records():
+            stamp = stamp_ns(record.data)
+            if record.topic in SENSORS:
+                sensed[stamp] = max(sensed.get(stamp, 0), record.publish_time_ns)
+            elif record.topic == "/fsw/command":
+                answered.setdefault(stamp, record.publish_time_ns)
+    delays = sorted((answered[stamp] - sensed[stamp]) * 1e-6 for stamp in answered if stamp in sensed)
+    return {f"delay_p{p}_ms": delays[round(p / 100 * (len(delays) - 1))] for p in (50, 99, 100)}
+
+
+def starts_s(repetitions):
+    """Seconds from the start of a process until its node is seen in the graph; medians."""
+    figures = {}
+    with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
+        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+        rclpy.init(args=[])
+        observer = rclpy.create_node("observer")
+        for node, module in MODULES.items():
+            bag = ["--ros-args", "-p", f"output:={folder}/bag"] if node == "fsw_recorder" else []
+            times = []
+            for _ in range(repetitions):
+                began_s = time.perf_counter()
+                launcher.start(node, module, bag)
+                launcher.wait_until(lambda name=node: name in observer.get_node_names(), 60.0, node, [node])
+                times.append(time.perf_counter() - began_s)
+                launcher.stop(node)
+                shutil.rmtree(f"{folder}/bag", ignore_errors=True)
+                launcher.wait_until(lambda name=node: name not in observer.get_node_names(), 60.0, node, [])
+            figures[f"start_of_{node}_s"] = statistics.median(times)
+        observer.destroy_node()
+        rclpy.shutdown()
+    return figures
+
+
 def main():
     """Measure, print a table, write JSON."""
     arguments = parser(__doc__, "shorter scenario, fewer repetitions").parse_args()
@@ -67,6 +152,7 @@ def main():
     result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
     result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(name, (), repetitions)
     result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(name, ("nmpc",), repetitions)
+    result |= starts_s(repetitions) | ten_hertz("quick")
     show(result, AIMS)
     save(result, arguments.json)
 
