@@ -8,8 +8,13 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from std_msgs.msg import String
 
-from fsw_control.light_node_ros import ends_in_time
+from fsw_control.light_node_ros import LightNode, ends_in_time
 
 STUCK = """
 import ctypes, sys
@@ -55,3 +60,33 @@ def test_the_alarm_of_others_stays() -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, *timer)
         signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("shut_down", [False, True])
+def test_what_was_published_arrives_before_a_node_leaves(
+    domain_id: int, monkeypatch: pytest.MonkeyPatch, shut_down: bool
+) -> None:
+    order: list[str] = []
+
+    class Leaving(Node):
+        def destroy_node(self) -> None:
+            order.append("left")
+            super().destroy_node()
+
+    class Speaker(LightNode, Leaving):
+        pass
+
+    def arrived(publisher: Publisher, timeout: Duration) -> bool:
+        assert 0 < timeout.nanoseconds <= 10**9
+        order.append(publisher.topic_name)
+        return True
+
+    monkeypatch.setattr(Publisher, "wait_for_all_acked", arrived)
+    rclpy.init(args=[], domain_id=domain_id)
+    node = Speaker("speaker", enable_rosout=False, start_parameter_services=False)
+    node.create_publisher(String, "spoken", 10)
+    if shut_down:
+        rclpy.shutdown()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    assert order == (["left"] if shut_down else ["/parameter_events", "/spoken", "left"])
