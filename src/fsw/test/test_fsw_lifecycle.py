@@ -1,5 +1,8 @@
 """fsw.py lifecycle against a managed node that is spun in a thread."""
 
+import os
+import signal
+import sys
 import threading
 
 import pytest
@@ -9,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from fsw.main import main
 from fsw_control.managed_node_ros import ManagedNode
+from fsw_control.node_main_ros import run as run_node
 
 pytestmark = pytest.mark.slow
 
@@ -52,3 +56,17 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
     assert fsw("set", "welder", "shutdown") == (0, "welder: finalized\n", "")
     error = "error: welder is finalized and has no transition configure now; has none\n"
     assert fsw("set", "welder", "configure") == (1, "", error)
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_ended_is_no_failure(monkeypatch, domain_id, sent):
+    """Neither for a command, which takes both for an interruption."""
+    monkeypatch.setattr("fsw_plant.plant_node.main", lambda: run_node(lambda: os.kill(os.getpid(), sent), ["plant"]))
+    monkeypatch.setattr(sys, "argv", ["fsw.py"])
+    defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {one: signal.signal(one, default) for one, default in defaults.items()}
+    try:
+        assert main(["node", "plant"]) == 0
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
