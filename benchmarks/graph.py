@@ -25,6 +25,7 @@ if __name__ == "__main__":
 import rclpy
 from report import parser, save, show
 
+from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.stamps import stamp_ns
@@ -124,7 +125,8 @@ def starts_s(repetitions):
     """Seconds from the start of a process until its node is seen in the graph; medians."""
     figures = {}
     with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
-        os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        stay_on_this_machine(os.environ)
         rclpy.init(args=[])
         observer = rclpy.create_node("observer")
         for node, module in MODULES.items():

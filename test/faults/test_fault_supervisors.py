@@ -156,8 +156,10 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
     weld.until(lambda: weld.states[states:] and weld.states[-1].actual_mode == "auto", "control")
     state = weld.states[-1]  # of a machine that stands still for some time the arbiter takes a controller for late
-    begin = next(new for new in weld.states[states:] if new.leader == state.leader and new.actual_mode == "auto")
-    found = "nmpc" in [controller.name for controller in begin.controllers]
+    of_it = [row for row, new in enumerate(weld.states) if new.leader == state.leader]
+    begin = next(row for row in of_it if row >= states and weld.states[row].actual_mode == "auto")
+    earlier = [weld.states[row] for row in of_it if row < begin]
+    found = earlier and "nmpc" in [controller.name for controller in earlier[-1].controllers]
     assert state.target_controller == "nmpc" or state.requested_by == "failover" or not found, (
         "the previously active controller continues, not the configured one, if it has been found by then"
     )
