@@ -73,6 +73,8 @@ def lacking(bag: Path, ticks: int) -> Counter[str]:
     for topic in (*FROM_PLANT, *ANSWERS):
         gaps = counter.gaps().get(topic, TickGaps(0, 0, ticks, 0))
         found[f"missing {topic}"] = gaps.before + gaps.missing + max(0, gaps.after - (topic in ANSWERS))
+        if found[f"missing {topic}"]:
+            print(f"{bag}: {topic}: {gaps}", file=sys.stderr)
     for topic in FROM_PLANT:
         found[f"missing {topic}"] += max(0, ticks - messages[topic])
     return found
