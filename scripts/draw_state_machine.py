@@ -34,7 +34,7 @@ def mermaid_diagram() -> str:
     lines += [f"    {mode} : {mode}\\n{note}" for mode, note in _NOTES.items()]
     labels: dict[tuple[Mode, Mode], list[str]] = {}
     for row in TRANSITIONS:
-        labels.setdefault((row.source, row.target), []).append(str(row.trigger))
+        labels.setdefault((row.source, row.target), []).append(row.trigger.word)
     lines += [f"    {source} --> {target} : {' / '.join(names)}" for (source, target), names in labels.items()]
     return "\n".join(lines)
 
@@ -43,7 +43,7 @@ def by_trigger() -> dict[tuple[str, str, str], list[str]]:
     """Modes from which a trigger leads to a mode, by trigger, meaning and that mode."""
     rows: dict[tuple[str, str, str], list[str]] = {}
     for row in TRANSITIONS:
-        rows.setdefault((str(row.trigger), row.meaning, str(row.target)), []).append(str(row.source))
+        rows.setdefault((row.trigger.word, row.meaning, str(row.target)), []).append(str(row.source))
     return rows
 
 

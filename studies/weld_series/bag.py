@@ -15,6 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
+from fsw_control.cause import Cause
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
@@ -124,7 +125,7 @@ def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Row
         actual_mode=signals.actual_mode,
         target_mode=signals.actual_mode,
     )
-    by = [{"requested_by": "start" if row == states[0] else "operator (topic)"} for row in states]
+    by = [{"cause": Cause.READY if row == states[0] else Cause.SWAP_REQUESTED} for row in states]
     yield "/fsw/supervisor/state", [{**row, **who} for row, who in zip(states, by, strict=True)], _changed(states)
     programme = _rows(depth=signals.programme_depth_mm / MM, temperature=signals.programme_temperature_c)
     told = progress(scenario, signals)

@@ -8,6 +8,7 @@ import signal
 import pytest
 
 from fsw_control import messages_ros as convert
+from fsw_control.cause import Cause
 
 DEADLINE = "no proposal at the deadline"
 IN_REAL_TIME = (pytest.mark.full, pytest.mark.real_time)
@@ -64,7 +65,7 @@ def test_the_active_controller_is_killed_or_stopped(launch, table, active, other
     outcome = weld.outcome(first)
     outcome.assert_steady()
     outcome.assert_sources(active, other)
-    assert any(state.requested_by == "failover" for state in weld.states[told:]) or not outcome.exact
+    assert any(state.cause == Cause.SWAP_FAILED for state in weld.states[told:]) or not outcome.exact
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     where = ", lockstep" if lockstep else ""
     table.add(f"`{active}`, in command, {verb}{where}", DEADLINE, FALLBACK, outcome)

@@ -9,6 +9,7 @@ from collections import Counter
 import pytest
 
 from fsw_control import messages_ros as convert
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reports_ros import ERROR
 from fsw_msgs.msg import WeldCommand
@@ -160,7 +161,7 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     begin = next(row for row in of_it if row >= states and weld.states[row].actual_mode == "auto")
     earlier = [weld.states[row] for row in of_it if row < begin]
     found = earlier and "nmpc" in [controller.name for controller in earlier[-1].controllers]
-    assert state.target_controller == "nmpc" or state.requested_by == "failover" or not found, (
+    assert state.target_controller == "nmpc" or state.cause in AUTOMATIC or not found, (
         "the previously active controller continues, not the configured one, if it has been found by then"
     )
     verb = "killed (-9) and started again" if number == signal.SIGKILL else "stopped for 0.8 s and continued"

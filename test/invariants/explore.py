@@ -89,7 +89,7 @@ def started(mode: str, gateway: bool) -> Cell:
 # ---------------------------------------------------------------- when two cells are the same
 
 #: counts, words and what is constant: no later decision depends on them, or :func:`state` adds what does
-_SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by since_ns transitions revision events tick
+_SKIPPED = """settings limits _limits lockstep _lockstep reason cause since_ns transitions revision events tick
     _stamp_ns _interlocks hold_s _persistence_s reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
     _registry registry operator _operator watch in_force _in_force start_up answered decision _counters ticks paused

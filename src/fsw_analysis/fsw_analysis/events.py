@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.messages import Kind, Table
-from fsw_analysis.weld_signals import FloatArray, WeldEvent
+from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import FloatArray
+from fsw_control.cause import Cause
 
 STATE: dict[str, Kind] = {
     "actual_controller": "text",
     "actual_mode": "text",
     "reason": "text",
-    "requested_by": "text",
+    "cause": "number",
+    "who": "text",
+    "leader": "text",
     "interlocks": "texts",
 }
 PROGRESS: dict[str, Kind] = {
@@ -26,7 +30,13 @@ PROGRESS: dict[str, Kind] = {
     "angle": "number",
     "length": "number",
 }
-ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
+ACTION: dict[str, Kind] = {
+    "who": "text",
+    "holder": "text",
+    "action": "text",
+    "outcome": "text",
+    "message": "text",
+}
 ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}
 #: events of the alarm journal that are shown; the others follow from them
 _ALARMS = ("raised", "re-raised", "worsened", "shelved")
@@ -46,44 +56,45 @@ def phases(times_s: FloatArray, progress: Table) -> list[tuple[str, float]]:
 def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:
     """Phases that begin, and the programme held, resumed, aborted and done."""
     for name, time_s in phases(times_s, progress):
-        yield WeldEvent(time_s, "phase", f"phase {name}")
+        yield WeldEvent(time_s, "phase", name)
     for (_, before), (time_s, state) in pairwise(_in_order(times_s, progress, "state")):
         if state != before:
-            yield WeldEvent(time_s, "weld", f"weld {_STATES.get((before, state), state)}")
+            yield WeldEvent(time_s, "weld", _STATES.get((before, state), state))
 
 
 def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
-    """Controllers and modes that take over, interlocks that trip and clear, from the supervisor's reports."""
-    names = ("actual_controller", "actual_mode", "interlocks", "reason", "requested_by")
-    before: tuple[str, str, frozenset[str]] | None = None
-    for time_s, (controller, mode, interlocks, reason, requested_by) in _in_order(times_s, state, *names):
-        why = f" ({requested_by}: {reason})" if reason else f" ({requested_by})"
+    """Controllers, modes and leaders that take over, interlocks that trip and clear, from the supervisor's reports."""
+    names = ("actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who")
+    before: tuple[str, str, str] | None = None
+    present: frozenset[str] = frozenset()
+    for time_s, (controller, mode, leader, interlocks, reason, cause, who) in _in_order(times_s, state, *names):
         active = frozenset(interlocks)
-        if before is not None and controller != before[0]:
-            yield WeldEvent(time_s, "swap", f"{controller or 'no controller'} commands{why}")
-        if before is not None and mode != before[1]:
-            yield WeldEvent(time_s, "mode", f"mode {mode}{why}")
-        present = before[2] if before is not None else frozenset()
-        for name in sorted(active - present):
-            yield WeldEvent(time_s, "interlock", f"interlock {name}")
-        for name in sorted(present - active):
-            yield WeldEvent(time_s, "interlock", f"interlock {name} is over")
-        before = controller, mode, active
+        now, why = (controller, mode, leader), Cause(-1 if np.isnan(cause) else int(cause))
+        for kind, old, new in zip(("swap", "mode", "takeover"), before or now, now, strict=True):
+            if new != old:
+                yield WeldEvent(time_s, kind, new, cause=why, who=who, detail=reason)
+        for name in [*sorted(active - present), *sorted(present - active)]:
+            yield WeldEvent(time_s, "interlock", *_interlock(name), is_over=name in present)
+        before, present = now, active
+
+
+def _interlock(name: str) -> tuple[str, str]:
+    """Name and level, which the supervisor joins."""
+    interlock, _, level = name.rpartition(":")
+    return interlock, level
 
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
     """Requests made on the operator's page, and their outcome."""
-    for time_s, (who, action, outcome, message) in _in_order(times_s, actions, *ACTION):
-        answer = f"{outcome}: {message}" if message else outcome
-        yield WeldEvent(time_s, "operator", f"{who}: {action}: {answer}")
+    for time_s, (who, holder, action, outcome, message) in _in_order(times_s, actions, *ACTION):
+        yield WeldEvent(time_s, "operator", action, outcome, who=who, detail=message, data={"holder": holder})
 
 
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
     """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
     for time_s, (event, priority, text, who, reason) in _in_order(times_s, journal, *ALARM):
         if event in _ALARMS:
-            by = f" by {who}, {reason}" if event == "shelved" else ""
-            yield WeldEvent(time_s, "alarm", f"{priority} alarm {event}{by}: {text}")
+            yield WeldEvent(time_s, "alarm", text, event, who=who, detail=reason, data={"priority": priority})
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

@@ -165,7 +165,7 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     times_s = ticks.times_s(progress)
     weld.phases = events.phases(times_s, progress)
     weld.events += [*events.of_progress(times_s, progress), *events.of_actions(ticks.times_s(actions), actions)]
-    weld.events.sort()
+    weld.events.sort(key=lambda one: one.time_s)
     depth, temperature, angle = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle"))
     weld.angle_deg = np.degrees(angle)
     weld.travel_mm = ticks.held(progress, "length", np.nan) * MM

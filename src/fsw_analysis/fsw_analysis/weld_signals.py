@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fsw_analysis.weld_events import WeldEvent
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM
 from fsw_control.weld import TICK_NS
 
@@ -108,16 +109,6 @@ class TruthSignals:
     active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class WeldEvent:
-    """Something on the time line of a weld."""
-
-    time_s: float  #: on the clock of `WeldSignals.time_s`
-    #: ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock``, ``alarm`` or ``operator``
-    kind: str
-    text: str
-
-
 @dataclass(slots=True)
 class WeldSignals:
     """All of a recorded weld, aligned on the plant's ticks.
@@ -193,5 +184,4 @@ class WeldSignals:
     @property
     def operators(self) -> tuple[str, ...]:
         """Who asked for something, in order of time."""
-        asked = (event.text.partition(": ")[0] for event in self.events if event.kind == "operator")
-        return tuple(dict.fromkeys(asked))
+        return tuple(dict.fromkeys(event.who for event in self.events if event.kind == "operator"))

@@ -10,6 +10,7 @@ import numpy as np
 from fsw_analysis import events
 from fsw_analysis.messages import Table
 from fsw_analysis.weld_signals import FloatArray
+from fsw_control.cause import Cause
 
 
 def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
@@ -46,29 +47,49 @@ def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() ->
     ]
 
 
-def test_swaps_modes_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> None:
+def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> None:
+    warned, start = ("depth_high:warn",), int(Cause.READY)
     times, state = table(
-        list(events.STATE),
-        (0.0, "nmpc", "auto", "", "start", ()),
-        (1.0, "nmpc", "auto", "", "start", ("depth_high:warn",)),
-        (2.0, "decentral", "auto", "asked for", "operator", ("depth_high:warn",)),
-        (3.0, "", "safe_stop", "depth_high", "interlock", ("depth_high:trip",)),
+        ["actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who"],
+        (0.0, "nmpc", "auto", "a", (), "", start, ""),
+        (1.0, "nmpc", "auto", "a", warned, "", start, ""),
+        (2.0, "decentral", "auto", "a", warned, "asked for", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
+        (2.5, "decentral", "auto", "b", warned, "asked for", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
+        (3.0, "", "safe_stop", "b", ("depth_high:trip",), "depth_high", int(Cause.INTERLOCK_TRIP), ""),
+        (4.0, "nmpc", "auto", "b", (), "", np.nan, ""),
     )
-    assert told(events.of_state(times, state)) == [
+    found = list(events.of_state(times, state))
+    assert told(found) == [
         (1.0, "interlock", "interlock depth_high:warn"),
-        (2.0, "swap", "decentral commands (operator: asked for)"),
+        (2.0, "swap", "decentral commands (anna (3f2a): asked for)"),
+        (2.5, "takeover", "another supervisor leads"),
         (3.0, "swap", "no controller commands (interlock: depth_high)"),
         (3.0, "mode", "mode safe_stop (interlock: depth_high)"),
         (3.0, "interlock", "interlock depth_high:trip"),
         (3.0, "interlock", "interlock depth_high:warn is over"),
+        (4.0, "swap", "nmpc commands (cause not on record)"),
+        (4.0, "mode", "mode auto (cause not on record)"),
+        (4.0, "interlock", "interlock depth_high:trip is over"),
     ]
+    assert [one.cause.on_request for one in found if one.kind == "swap"] == [True, False, False]
+
+
+def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
+    """A failed controller's own words are no request: they turned a review into an acceptance."""
+    times, state = table(
+        ["actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who"],
+        (0.0, "nmpc", "auto", "a", (), "", int(Cause.READY), ""),
+        (1.0, "decentral", "auto", "a", (), "no feasible point (start infeasible)", int(Cause.SWAP_FAILED), ""),
+    )
+    [swap] = events.of_state(times, state)
+    assert not swap.cause.on_request and not swap.cause.at_start
 
 
 def test_what_operators_did() -> None:
     times, actions = table(
         list(events.ACTION),
-        (1.0, "anna (3f2a)", "switch decentral", "refused", "decentral is not ready"),
-        (2.0, "anna (3f2a)", "safe_stop", "done", ""),
+        (1.0, "anna (3f2a)", "anna (3f2a)", "switch decentral", "refused", "decentral is not ready"),
+        (2.0, "anna (3f2a)", "", "safe_stop", "done", ""),
     )
     assert told(events.of_actions(times, actions)) == [
         (1.0, "operator", "anna (3f2a): switch decentral: refused: decentral is not ready"),

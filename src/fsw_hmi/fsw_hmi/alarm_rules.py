@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -13,7 +12,9 @@ from zlib import crc32
 from pydantic import BaseModel
 
 from fsw_control.attainable import out_of_reach, wants_heat
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Reference
+from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import QUALITY_TEMPERATURE
@@ -47,10 +48,6 @@ MONITOR = "fsw_monitor"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
 _SWAP_S = 12.0
 _LONGEST_ID = 100
-#: in a reason: that a supervisor has led since in another's place, which is not the cause
-_TAKEOVER = re.compile(r"^took over[^(]*\((.*)\)$")
-#: in a reason: the interlock that has tripped, and its value, which the page shows
-_TRIPPED = re.compile(r"^(\w+) is trip: .*$")
 
 
 class _Texts(BaseModel):
@@ -89,10 +86,15 @@ def because(reason: str, name: str = "") -> str:
     ]
     while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
         reason = reason.removeprefix(found).lstrip(": ")
-    reason = _TAKEOVER.sub(r"\1", reason.removeprefix("safe stop: "))
-    if (tripped := _TRIPPED.match(reason)) and tripped[1] in _TEXTS.interlocks:
-        return _TEXTS.interlocks[tripped[1]][0]
-    return reason if reason not in ("", "is inhibited", "is not ready", "safe stop") else "no reason is told"
+    return reason if reason not in ("", "is inhibited", "is not ready") else "no reason is told"
+
+
+def _tripped(state: Mapping[str, Any]) -> str:
+    """What the interlock says by which the weld stops; empty if another cause does."""
+    if state["cause"] is not Cause.INTERLOCK_TRIP:
+        return ""
+    names = [one.removesuffix(":trip") for one in state["interlocks"] if one.endswith(":trip")]
+    return ", ".join(_TEXTS.interlocks[name][0] for name in names if name in _TEXTS.interlocks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,6 @@ class AlarmRules:
         self.replaced: Reference | None = None  #: what stands in for set-points that are out of reach
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
-        self._stop: Alarm | None = None
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}
@@ -222,7 +223,7 @@ class AlarmRules:
         elif self._mute_since_s is None:
             self._mute_since_s = now_s
         never = self._mute_since_s is not None and now_s - self._mute_since_s > NO_REPORT_S
-        starts = state is not None and state["requested_by"] == "start" and state["actual_mode"] == "hold"
+        starts = state is not None and state["cause"].at_start and state["actual_mode"] == "hold"
         silent = measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
             found["supervisor"] = alarm("supervisor")
@@ -243,14 +244,10 @@ class AlarmRules:
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
         why = because(state["reason"])
-        if mode != "safe_stop":
-            self._stop = None
-        elif self._stop is None or state["requested_by"] != "takeover":  # which changes who commands, not why it stops
-            asked = state["requested_by"].startswith("operator")
-            self._stop = replace(alarm("safe_stop", why=why), trip=not asked)
-        if self._stop is not None:
-            found["safe_stop"] = self._stop
-        elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
+        if mode == "safe_stop":
+            asked = state["stop_cause"] == StopCause.OPERATOR
+            found["safe_stop"] = replace(alarm("safe_stop", why=_tripped(state) or why), trip=not asked)
+        elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
             own = next((one["reason"] for one in state["controllers"] if one["name"] == target), "")

@@ -68,7 +68,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
-        "events": [asdict(one) | {"time_s": round(one.time_s, 3)} for one in signals.events],
+        "events": [{"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text} for one in signals.events],
         "kpis": _kpis(signals, problems),
         "problems": problems,
     }

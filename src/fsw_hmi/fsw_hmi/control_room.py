@@ -64,6 +64,7 @@ class Order:
     message: str = ""
     action: Action | None = None
     number: int = 0  #: by which the outcome of an action is reported
+    holder: str = ""  #: who has control when it is delivered
 
 
 class ControlRoom:

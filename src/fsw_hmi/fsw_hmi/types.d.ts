@@ -70,7 +70,9 @@ interface State {
   target_mode: string;
   actual_mode: string;
   reason: string;
-  requested_by: string;
+  cause: number;
+  by: string;
+  stop_cause: number;
   acknowledged: boolean;
   controllers: Health[];
   interlocks: string[];

@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
@@ -33,7 +34,7 @@ _FORGET_S = 600.0
 _MOST_PARTS = 400
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
-_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by")
+_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason")
 _MOST_CONTROLLERS = 20
 #: before the supervisor has reported
 NO_STATE: dict[str, Any] = {
@@ -192,10 +193,14 @@ class Watch:
 
 def _state(message: SupervisorState) -> dict[str, Any]:
     """The supervisor's state; of more controllers or interlocks than can be, the first."""
+    cause = Cause(message.cause)
     return {
         **{name: readable(getattr(message, name)) for name in _WORDS},
         "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [readable(one) for one in message.interlocks[:_MOST_CONTROLLERS]],
+        "cause": cause,
+        "by": readable(message.who) or cause.words,
+        "stop_cause": int(message.stop.cause),
         "acknowledged": not message.stop.stopped,
     }
 

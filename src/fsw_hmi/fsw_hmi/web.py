@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -124,7 +124,7 @@ class LivePage:
 
     def _look_at_control(self) -> None:
         for one in self._room.tick(time.monotonic()):
-            self._deliver(one)
+            self._hand_on(one)
         self._show_control()
 
     # ---------------------------------------------------------------- one page
@@ -240,7 +240,7 @@ class LivePage:
         if verdict.id is not None:
             page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
         if verdict.asked:
-            self._deliver(Order(session.who, verdict.asked, verdict.outcome, verdict.message))
+            self._hand_on(Order(session.who, verdict.asked, verdict.outcome, verdict.message))
 
     def _order(self, page: Page, request: int, action: Action, asked: str) -> None:
         if isinstance(action, SafeStop):
@@ -255,7 +255,11 @@ class LivePage:
             wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")
         )
         self._pending[order.number] = _Pending(page, [request], order, timer)
-        self._deliver(order)
+        self._hand_on(order)
+
+    def _hand_on(self, order: Order) -> None:
+        holder = self._room.holder
+        self._deliver(replace(order, holder=holder.who if holder else ""))
 
     def _show_control(self) -> None:
         """Tell every page what has changed for it."""

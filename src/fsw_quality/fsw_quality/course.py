@@ -22,7 +22,7 @@ _MOST_IN_A_GAP = 600
 _LATE, _BETWEEN_REPORTS = 2, 11
 #: time over which the traverse speed is taken
 _APART_S = 5.0
-_OVER = ("weld done", "weld aborted")
+_OVER = ("done", "aborted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Course:
 
 def course_of(signals: WeldSignals) -> Course:
     """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
-    over = [event for event in signals.events if event.kind == "weld" and event.text in _OVER]
+    over = [event for event in signals.events if event.kind == "weld" and event.subject in _OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else float(signals.time_s[0])
     inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
 from fsw_control import messages_ros as convert
+from fsw_control.cause import Cause
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
@@ -61,7 +62,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._tell()
 
     def _on_state(self, message: SupervisorState) -> None:
-        self._watch.state(message.actual_controller, message.actual_mode, message.requested_by)
+        self._watch.state(message.actual_controller, message.actual_mode, Cause(message.cause))
         self._tell()
 
     def _is_of_this_weld(self, node: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control.cause import Cause
 from fsw_quality.procedure import Procedure, digest
 
 #: parameters that say nothing of the control
@@ -45,23 +46,23 @@ class ProcedureWatch:
             text = f"set-point {name} {value:g} is in force; permitted: {point.min:g} to {point.max:g}"
             self._set(f"set_point_{name}", "" if inside else text)
 
-    def state(self, controller: str, mode: str, requested_by: str) -> None:
+    def state(self, controller: str, mode: str, cause: Cause) -> None:
         """Who commands in which mode, and what led to it, as the supervisor reports."""
         foreign = controller and controller not in self._permitted
         text = f"{controller} is in command; permitted: {', '.join(self._permitted)}"
         self._set("controller", text if foreign else "")
         self._welds = self._welds or mode == "auto"
-        text = f"mode {mode} ({requested_by or 'cause unknown'}) instead of auto"
+        text = f"mode {mode} ({cause.words}) instead of auto"
         self._set("mode", text if self._welds and mode != "auto" else "")
         if not controller:
             return
         if not self._first:
             self._first = controller
-        on_request = requested_by.startswith(("operator", "start"))
-        if controller != self._first and not (self._procedure.acceptance.swaps_allowed and on_request):
+        wanted = cause.on_request or cause.at_start
+        if controller != self._first and not (self._procedure.acceptance.swaps_allowed and wanted):
             allowed = "swaps on request only" if self._procedure.acceptance.swaps_allowed else "no swap"
             # stays: a swap back does not undo it
-            self._found.setdefault("swap", f"swap to {controller} ({requested_by}); permitted: {allowed}")
+            self._found.setdefault("swap", f"swap to {controller} ({cause.words}); permitted: {allowed}")
 
     def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
         """Parameters of a controller's node as they are now."""

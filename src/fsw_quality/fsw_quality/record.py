@@ -14,7 +14,8 @@ from pydantic import Strict
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldEvent, WeldSignals
+from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
@@ -33,8 +34,6 @@ from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
 from fsw_schema.models import InputError, Many, Model, content_of, validate
 
-#: actions on the operator's page that change who has control, and what is answered when it is handed over
-_CONTROL, _HANDED = ("take control", "hand control over", "release control", "lose control"), "control handed over to "
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
 #: topics without which something cannot be said, and what
@@ -201,8 +200,8 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
         told = attached_procedures(signals)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
-            known = [one.text for one in told]
-            told += [one for one in told_by_watch(reader, signals) if one.text not in known]
+            known = [one.data for one in told]
+            told += [one for one in told_by_watch(reader, signals) if one.data not in known]
     if told:
         signals = replace(signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s))
     return signals, custom, proof
@@ -297,11 +296,11 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
         time_s = float(signals.time_s[0]) + (stamp_ns - int(signals.stamp_ns[0])) / NANOSECONDS
         values = {one.key: one.value for one in line.values}
-        if "SHA-256" in values and welded_by != (now := procedure_words(values)):
-            found.append(WeldEvent(time_s, "procedure", now))
+        if welded_by != (now := values.get("SHA-256", welded_by)):
+            found.append(welded(time_s, values.get("procedure", ""), values.get("revision", ""), now))
             welded_by = now
         if line.message != before and (before or line.level):
-            found.append(WeldEvent(time_s, "deviation", line.message))
+            found.append(WeldEvent(time_s, "deviation", detail=line.message))
         before = line.message
     return found
 
@@ -313,14 +312,13 @@ def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
         if name.endswith(".yaml") and b"fsw_weld_procedure" in data:
             with suppress(InputError):  # a scenario that names the format is none
                 one = validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name).identity
-                values = {"procedure": one.id, "revision": one.revision, "SHA-256": one.sha256}
-                found.append(WeldEvent(float(signals.time_s[0]), "procedure", procedure_words(values)))
+                found.append(welded(float(signals.time_s[0]), one.id, one.revision, one.sha256))
     return found
 
 
-def procedure_words(values: Mapping[str, str]) -> str:
-    """Identity of a procedure from the values that the node that watches it tells."""
-    return f"{values.get('procedure', '')} revision {values.get('revision', '')}, SHA-256 {values['SHA-256']}"
+def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEvent:
+    """By which procedure the weld ran from then on."""
+    return WeldEvent(time_s, "procedure", procedure, data={"revision": revision, "sha256": sha256})
 
 
 def files_of(bag: Path) -> tuple[BagFile, ...]:
@@ -347,18 +345,11 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
     found: list[TimeOfControl] = []
     holder, since_s = "", 0.0
     for event in events:
-        who, action, outcome, *answer = [*event.text.split(": ", 3), "", ""]
-        if event.kind != "operator" or outcome != "done" or action not in _CONTROL:
+        if event.kind != "operator" or event.data["holder"] == holder:
             continue
-        taker = who if action == "take control" else ""
-        if action == "hand control over":
-            if not answer[0].startswith(_HANDED):
-                continue
-            taker = answer[0].removeprefix(_HANDED)
-        if holder and taker != holder:
+        if holder:
             found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=event.time_s))
-        if taker != holder:
-            holder, since_s = taker, event.time_s
+        holder, since_s = event.data["holder"], event.time_s
     if holder:
         found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=max(end_s, since_s)))
     return found
@@ -387,15 +378,14 @@ def _events(signals: WeldSignals, course: Course) -> list[Event]:
         before = ""
         for row in [0, *(np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()]:
             if faults[row] != before:
-                text = f"emulated fault {faults[row]}" if faults[row] else "emulated faults are over"
-                found.append(WeldEvent(float(signals.time_s[row]), "fault", text))
+                found.append(WeldEvent(float(signals.time_s[row]), "fault", faults[row], is_over=not faults[row]))
             before = faults[row]
     angles = []
     for one in found:
         at = min(int(np.searchsorted(course.time_s, one.time_s - 1e-6)), course.time_s.size - 1)
         angle = float(course.angle_deg[at])
         angles.append(angle if np.isfinite(angle) else None)
-    rows = sorted(zip(found, angles, strict=True), key=lambda row: row[0])
+    rows = sorted(zip(found, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text))
     return [Event(time_s=one.time_s, kind=one.kind, text=one.text, angle_deg=angle) for one, angle in rows]
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Strict
 
-from fsw_analysis.weld_signals import WeldEvent
+from fsw_analysis.weld_events import WeldEvent
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S as TICK
 from fsw_quality.course import Course
@@ -25,8 +25,6 @@ _REPORTS_S = 2.0
 #: travel by which the first report of a phase, which comes when it begins, may be late: some ticks. Later, it was lost,
 #: and samples of this phase were judged by the limits of the one before.
 _BEGIN_S = 0.3
-#: swaps with these causes are wanted
-_ON_REQUEST = ("(operator", "(start")
 
 
 class Verdict(StrEnum):
@@ -124,12 +122,13 @@ def _extent(own: Sequence[Exceedance], longest: float) -> str:
 
 def _welded_by(procedure: Procedure, events: Sequence[WeldEvent]) -> Iterator[Rule]:
     """Whether the weld ran by the procedure that it is judged by, where that is on record."""
-    told = [one.text for one in events if one.kind == "procedure"]
+    told = [one for one in events if one.kind == "procedure"]
     if told:
         wanted = procedure.identity
         words = f"welded by {wanted.id} revision {wanted.revision}, SHA-256 {wanted.sha256[:12]}…"
-        broken = any(not one.endswith(wanted.sha256) for one in told)
-        yield _rule("procedure", words, "; ".join(one[:-52] + "…" for one in told), broken)
+        broken = any(one.data["sha256"] != wanted.sha256 for one in told)
+        figures = [f"{one.subject} revision {one.data['revision']}, SHA-256 {one.data['sha256'][:12]}…" for one in told]
+        yield _rule("procedure", words, "; ".join(figures), broken)
 
 
 def _complete(course: Course, procedure: Procedure) -> Rule:
@@ -208,8 +207,8 @@ def _controllers(course: Course, procedure: Procedure, evidence: Evidence) -> It
 
 
 def _swaps(procedure: Procedure, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
-    swaps = [one.text for one in events if one.kind == "swap" and "(start" not in one.text]
-    unwanted = [one for one in swaps if not any(cause in one for cause in _ON_REQUEST)]
+    swaps = [one.cause for one in events if one.kind == "swap" and not one.cause.at_start]
+    unwanted = [one for one in swaps if not one.on_request]
     words = "swaps on request only" if procedure.acceptance.swaps_allowed else "no swap"
     broken = bool(unwanted if procedure.acceptance.swaps_allowed else swaps) or not evidence.has_states
     figure = f"{len(swaps)} swaps, {len(unwanted)} not on request" if evidence.has_states else "not on record"
@@ -227,6 +226,6 @@ def _modes(course: Course, evidence: Evidence) -> Rule:
 
 
 def _interlocks(events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
-    trips = [one.text for one in events if one.kind == "interlock" and one.text.endswith(":trip")]
+    trips = [one.text for one in events if one.kind == "interlock" and one.state == "trip" and not one.is_over]
     figure = ("; ".join(trips) or "none") if evidence.has_states else "not on record"
     return _rule("interlocks", "no trip", figure, bool(trips) or not evidence.has_states)

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from fsw_control.cause import Cause
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_quality.procedure_node import ProcedureNode, main
@@ -65,8 +66,10 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
         cell.told("set-point depth_mm 3.5 is in force; permitted: 1.5 to 3.4")
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
         cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
-        cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", requested_by="start"))
-        cell.states.publish(SupervisorState(actual_controller="mine", actual_mode="manual", requested_by="operator"))
+        cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", cause=Cause.READY))
+        cell.states.publish(
+            SupervisorState(actual_controller="mine", actual_mode="manual", cause=Cause.OPERATOR_MANUAL)
+        )
         cell.told("mine is in command; permitted: decentral, nmpc; mode manual (operator) instead of auto")
         before = cell.text
         cell.controller.set_parameters([Parameter("gain", value=3.0)])

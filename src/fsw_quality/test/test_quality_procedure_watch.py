@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.parameters import defaults, load
 from fsw_quality import procedure
 from fsw_quality.procedure import Procedure
@@ -81,8 +82,8 @@ def test_a_limit_of_some_phases_is_none_for_all() -> None:
 def watch() -> ProcedureWatch:
     found = ProcedureWatch(short_procedure())
     found.set_points(2.66, 816.4)
-    found.state("decentral", "hold", "start")
-    found.state("decentral", "auto", "start")
+    found.state("decentral", "hold", Cause.READY)
+    found.state("decentral", "auto", Cause.READY)
     assert found.deviations == {}
     return found
 
@@ -98,25 +99,30 @@ def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) 
 
 
 def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
-    watch.state("mine", "auto", "operator")
+    watch.state("mine", "auto", Cause.SWAP_REQUESTED)
     assert watch.deviations == {"controller": "mine is in command; permitted: decentral, nmpc"}
-    watch.state("decentral", "hold", "interlock")
+    watch.state("decentral", "hold", Cause.INTERLOCK_TRIP)
     assert watch.deviations == {"mode": "mode hold (interlock) instead of auto"}
-    watch.state("decentral", "auto", "operator")
+    watch.state("decentral", "auto", Cause.SWAP_REQUESTED)
     assert watch.deviations == {}
 
 
 @pytest.mark.parametrize(
     ("allowed", "cause", "told"),
-    [(True, "operator", False), (True, "operator (topic)", False), (True, "failover", True), (False, "operator", True)],
+    [
+        (True, Cause.SWAP_REQUESTED, False),
+        (True, Cause.SWAP_FAILED, True),
+        (True, Cause.UNKNOWN, True),
+        (False, Cause.SWAP_REQUESTED, True),
+    ],
 )
-def test_swaps(allowed: bool, cause: str, told: bool) -> None:
+def test_swaps(allowed: bool, cause: Cause, told: bool) -> None:
     acceptance = {"tolerated_s": 0.3, "swaps_allowed": allowed, "source": "test"}
     watch = ProcedureWatch(short_procedure(acceptance=acceptance))
-    watch.state("decentral", "auto", "start")
+    watch.state("decentral", "auto", Cause.READY)
     watch.state("nmpc", "auto", cause)
     assert ("swap" in watch.deviations) is told
-    watch.state("decentral", "auto", "operator")
+    watch.state("decentral", "auto", Cause.SWAP_REQUESTED)
     assert ("swap" in watch.deviations) is told  # not undone
 
 

@@ -12,10 +12,12 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
+from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import DriveSignals, WeldSignals
+from fsw_control.cause import Cause
 from fsw_quality.course import course_of
 from fsw_quality.procedure import Procedure, digest
-from fsw_quality.record import Record, assemble, attached_procedures, procedure_words
+from fsw_quality.record import Record, assemble, attached_procedures, welded
 from fsw_quality.verdict import Verdict
 from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
 
@@ -169,15 +171,17 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
         parameters = {"/fsw_decentral": {"ros__parameters": {"gain": 1.1}}}
         weld.attachments["parameters/fsw_decentral.yaml"] = yaml.safe_dump(parameters).encode()
     elif name == "swaps":
-        weld.events.insert(0, WeldEvent(0.5, "swap", "nmpc commands (failover: decentral is late)"))
+        weld.events.insert(
+            0, WeldEvent(0.5, "swap", "nmpc", cause=Cause.SWAP_FAILED, detail="(start infeasible) (operator")
+        )
     elif name == "mode":
         weld.actual_mode[10:12] = "hold"
     elif name == "procedure":
-        weld.events.insert(0, WeldEvent(0.1, "procedure", f"p revision B, SHA-256 {'ab' * 32}"))
+        weld.events.insert(0, welded(0.1, "p", "B", "ab" * 32))
     elif name == "interlocks":
-        weld.events.insert(0, WeldEvent(0.5, "interlock", "interlock torque_high:trip"))
+        weld.events.insert(0, WeldEvent(0.5, "interlock", "torque_high", "trip"))
     elif name == "complete":
-        weld.events[-1] = WeldEvent(6.0, "weld", "weld aborted")
+        weld.events[-1] = WeldEvent(6.0, "weld", "aborted")
     elif name == "lost":
         custom["lost_messages"] = "2"
     return weld, changes, custom
@@ -201,8 +205,7 @@ def test_each_rule_alone_decides(rule: str) -> None:
 def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknown_procedure_is_told() -> None:
     weld, wanted = good_weld(), PROCEDURE.identity
     assert any("by which procedure the weld ran" in one for one in judged(weld).cannot_say)
-    words = procedure_words({"procedure": wanted.id, "revision": wanted.revision, "SHA-256": wanted.sha256})
-    weld.events.insert(0, WeldEvent(0.1, "procedure", words))
+    weld.events.insert(0, welded(0.1, wanted.id, wanted.revision, wanted.sha256))
     record = judged(weld)
     rule = next(one for one in record.rules if one.name == "procedure")
     assert record.verdict is Verdict.ACCEPT and not any("by which procedure" in one for one in record.cannot_say)
@@ -253,7 +256,7 @@ def test_a_frozen_sensor_is_for_review() -> None:
 
 def test_a_swap_on_request_is_as_the_procedure_says() -> None:
     weld = good_weld()
-    weld.events.insert(0, WeldEvent(3.0, "swap", "nmpc commands (operator: requested)"))
+    weld.events.insert(0, WeldEvent(3.0, "swap", "nmpc", cause=Cause.SWAP_REQUESTED))
     weld.command_source[30:] = "nmpc"
     assert judged(weld).verdict is Verdict.ACCEPT
     strict = PROCEDURE.acceptance.model_dump() | {"swaps_allowed": False}
@@ -279,7 +282,7 @@ def test_the_traverse_speed_does_not_jump_where_a_phase_begins_in_motion() -> No
     weld.angle_deg = 0.1 * weld.travel_mm
     begin_s = 0.1 * (DWELL + 28)
     weld.phases.append(("overlap", begin_s))
-    weld.events.insert(1, WeldEvent(begin_s, "phase", "phase overlap"))
+    weld.events.insert(1, WeldEvent(begin_s, "phase", "overlap"))
     speed = course_of(weld).values["traverse_mm_per_min"][DWELL:]
     assert speed == pytest.approx(np.full(speed.size, 120.0), rel=0.1)
 

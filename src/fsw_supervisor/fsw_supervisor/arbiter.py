@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control.cause import Cause
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import LOST_COMMANDS, ActuatorState
@@ -33,7 +34,7 @@ from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
-from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
+from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_supervisor.ticks import Ticks
 
@@ -162,7 +163,7 @@ class Arbiter:
         Before the first command, sent here or by a leader, it can only be a command of the supervisor before.
         """
         if source == Mode.SAFE_STOP and self.ticks.last is None:
-            self.machine.fire(Trigger.RESTARTED, "a safe stop was in force before the restart", "start")
+            self.machine.fire(Cause.RESTARTED, "a safe stop was in force before the restart", "start")
 
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
@@ -200,22 +201,23 @@ class Arbiter:
             self.machine.mirror(source)
 
     def follow_operator(
-        self, controller: str, mode: str, inhibited: Mapping[str, str], actual: tuple[str, str, str] = ("", "", "")
+        self, controller: str, mode: str, inhibited: Mapping[str, str], actual: Standing | None = None
     ) -> None:
         """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
 
-        ``actual``: the leader's mode and controller, and why.
+        ``actual``: the leader's own state.
         """
         self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
-        self.machine.mirror_reason(*actual)
+        if actual is not None:
+            self.machine.mirror_standing(actual)
         self.registry.mirror_inhibitions(inhibited)
 
-    def lead(self, reason: str) -> list[Decision]:
-        """Send from now on, beginning with the tick decided on standby; ``reason`` is empty at a start."""
+    def lead(self, why: str) -> list[Decision]:
+        """Send from now on, beginning with the tick decided on standby; ``why`` is empty at a start."""
         self.ticks.leading = True
         self.watch.change_role()
-        if reason:
-            self.machine.lead(reason)
+        if why:
+            self.machine.lead(why)
         self.operator.manual = self.applied  # the manual mode goes on with the command in force
         self._take_target()
         self.ticks.send()
@@ -225,7 +227,7 @@ class Arbiter:
         """Be in the mode that was requested of another leader, which may have sent no command since."""
         target = self.machine.target_mode
         if target not in (Mode.AUTO, Mode.SAFE_STOP):  # a safe stop is in the register
-            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "takeover")
+            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "operator")
 
     def step_down(self, reason: str) -> None:
         """Send nothing from now on, nor what was decided last."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.start_up import StartUp
-from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
+from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import Decision, Tick, same
 
 #: in lockstep a late sample is waited for at least so long [s]
@@ -58,11 +59,11 @@ class Arbitration:
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
-                machine.fire(Trigger.CONTROLLER_BACK, f"{name} is ready again", "failover", name)
+                machine.fire(Cause.CONTROLLER_BACK, f"{name} is ready again", "failover", name)
         elif machine.mode is Mode.AUTO and settings.return_to_target and machine.active != machine.target:
             name = machine.target
             if not self.operator.waiting and not self.registry.why_not_ready(name) and not machine.storming():
-                machine.swap(name, f"{name} is ready again", "failover", automatic=True)
+                machine.swap(name, Cause.SWAP_BACK, f"{name} is ready again", "failover")
         self._time_out()
 
     def _time_out(self) -> None:
@@ -70,13 +71,13 @@ class Arbitration:
         machine, settings = self.machine, self.machine.settings
         since_ns, why = machine.mode_since_ns, machine.reason
         if machine.mode is Mode.START:
-            trigger, limit_s = Trigger.START_TIMEOUT, settings.start_timeout_s
+            trigger, limit_s = Cause.START_TIMEOUT, settings.start_timeout_s
         elif machine.mode is Mode.HOLD:
             by_operator = machine.target_mode is not Mode.AUTO
-            trigger = Trigger.HOLD_TIMEOUT
+            trigger = Cause.HOLD_TIMEOUT
             limit_s = settings.operator_hold_timeout_s if by_operator else settings.hold_timeout_s
         elif machine.mode is Mode.MANUAL and self.safety.blind_since_ns is not None:
-            trigger, limit_s = Trigger.BLIND_TIMEOUT, settings.operator_hold_timeout_s
+            trigger, limit_s = Cause.BLIND_TIMEOUT, settings.operator_hold_timeout_s
             since_ns, why = max(since_ns, self.safety.blind_since_ns), self.safety.blind
         else:
             return
@@ -188,7 +189,7 @@ class Arbitration:
         machine, settings = self.machine, self.machine.settings
         if machine.storming():
             reason = f"too many swaps in {settings.storm_window_s:g} s; {tick.failure}"
-            machine.fire(Trigger.STORM, reason, "failover")
+            machine.fire(Cause.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
             if name == machine.active or name not in tick.ready or self.registry.blind(name):
@@ -202,10 +203,10 @@ class Arbitration:
             if candidate is None and not final:
                 return
             if candidate is not None and not candidate.refusal:
-                machine.swap(name, tick.failure, "failover", automatic=True)
+                machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
                 self._follow(tick, candidate.command)
                 return
-        machine.fire(Trigger.NO_CONTROLLER, f"{tick.failure}; no fallback is ready", "failover")
+        machine.fire(Cause.NO_CONTROLLER, f"{tick.failure}; no fallback is ready", "failover")
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal; just after a swap within the transition limits."""

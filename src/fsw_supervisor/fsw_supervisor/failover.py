@@ -12,7 +12,7 @@ from fsw_control.fence import ActuatorState, Signature
 from fsw_control.stop import Stop
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.state_machine import TOOK_OVER, Machine
+from fsw_supervisor.state_machine import Machine
 from fsw_supervisor.tick import Decision, Tick
 
 #: after a start: how long to listen for a leader [s]
@@ -126,7 +126,7 @@ class Failover:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            why = f"{TOOK_OVER}: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
+            why = f"{self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(why)
         if decisions and self.actuator is None:

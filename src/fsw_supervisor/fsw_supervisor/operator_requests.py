@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, nan
 
+from fsw_control.cause import Cause
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.units import NANOSECONDS
@@ -153,7 +154,8 @@ class OperatorRequests:
         if why_not and (request.strict or request.done):
             self.drop(f"refused: {why_not}")
         elif not why_not and request.name != machine.active:
-            machine.swap(request.name, f"{request.who} asked for {request.name}", request.who, automatic=False)
+            reason = f"{request.who} asked for {request.name}"
+            machine.swap(request.name, Cause.SWAP_REQUESTED, reason, request.who)
             self._swapped_ns = machine.time_ns
 
     def expire(self, now_s: float) -> None:

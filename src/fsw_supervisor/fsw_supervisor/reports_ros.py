@@ -55,21 +55,18 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
     )
 
 
-def mode(arbiter: Arbiter) -> str:
-    """Actual mode as the messages name it; in ``start`` nothing changes, as in hold."""
-    return str(Mode.HOLD if arbiter.machine.mode is Mode.START else arbiter.machine.mode)
-
-
 def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
     """The latched state, signed as a :func:`command`."""
     machine = arbiter.machine
+    standing = machine.standing
     message = SupervisorState(
         target_controller=machine.target,
-        actual_controller=machine.active,
+        actual_controller=standing.controller,
         target_mode=str(machine.target_mode),
-        actual_mode=mode(arbiter),
-        reason=machine.reason,
-        requested_by=machine.requested_by,
+        actual_mode=standing.mode,
+        reason=standing.reason,
+        cause=standing.cause,
+        who=standing.who,
         since=convert.stamp_from_ns(machine.since_ns),
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],

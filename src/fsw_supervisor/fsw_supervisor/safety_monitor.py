@@ -16,6 +16,7 @@ from math import inf, isfinite, isnan, nan
 from typing import Any
 
 from fsw_control import weld
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
 from fsw_control.stop import StopCause
@@ -23,7 +24,7 @@ from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
 from fsw_supervisor.persistence import Persistence
-from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
+from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
 
@@ -318,7 +319,7 @@ class SafetyMonitor:
             if self._machine.acknowledged:
                 self._machine.renew(StopCause.INTERLOCK, "interlock")
         else:
-            self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
+            self._machine.fire(Cause.INTERLOCK_TRIP, self.causes, "interlock")
 
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""

@@ -89,7 +89,7 @@ class OperatorServices:
         self, request: ListControllers.Request, response: ListControllers.Response
     ) -> ListControllers.Response:
         response.active = self._arbiter.machine.active
-        response.mode = reports.mode(self._arbiter)
+        response.mode = self._arbiter.machine.standing.mode
         response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
         return response
 

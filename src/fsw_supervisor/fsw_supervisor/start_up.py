@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.operator_requests import OperatorRequests
-from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
+from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import ProposalInput, Tick, check
 
 
@@ -129,16 +130,16 @@ class StartUp:
             if self._in_force.before_first:  # after a gap the target is known, and stays though a fallback was active
                 machine.set_target(name)
             self.was_active = ""
-            machine.fire(Trigger.READY, reason, "start", name)
+            machine.fire(Cause.READY, reason, "start", name)
             return ""
         if not tick.fault_excused_reason:
             # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
             if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
                 self.was_active = ""
-                machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
+                machine.fire(Cause.ABANDONED, f"{name} was active before and has no usable proposal", "start")
                 return ""
             if not self.was_active and (substitute := self._substitute(tick)):
-                machine.fire(Trigger.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
+                machine.fire(Cause.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
                 return ""
         machine.explain(f"starting: waiting for {name}: {why_not}")
         return machine.reason

@@ -10,6 +10,7 @@ from collections import deque
 from enum import StrEnum
 from typing import NamedTuple
 
+from fsw_control.cause import Cause
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
@@ -26,37 +27,15 @@ class Mode(StrEnum):
     SAFE_STOP = "safe_stop"
 
 
-class Trigger(StrEnum):
-    """What can make the mode change."""
-
-    READY = "ready"
-    ABANDONED = "abandoned"
-    INTERRUPTED = "interrupted"
-    OPERATOR_AUTO = "operator_auto"
-    OPERATOR_MANUAL = "operator_manual"
-    OPERATOR_HOLD = "operator_hold"
-    OPERATOR_SAFE_STOP = "operator_safe_stop"
-    NO_CONTROLLER = "no_controller"
-    STORM = "storm"
-    CONTROLLER_BACK = "controller_back"
-    HOLD_TIMEOUT = "hold_timeout"
-    START_TIMEOUT = "start_timeout"
-    BLIND_TIMEOUT = "blind_timeout"
-    RESTARTED = "restarted"
-    STOP_HEARD = "stop_heard"
-    INTERLOCK_TRIP = "interlock_trip"
-    CLOCK_STOPPED = "clock_stopped"
-
-
 #: the modes an operator can ask for, with the trigger that each fires
-OPERATOR_TRIGGERS = {Mode(mode): Trigger(f"operator_{mode}") for mode in OPERATOR_MODES}
+OPERATOR_TRIGGERS = {Mode(mode): Cause[f"OPERATOR_{mode.upper()}"] for mode in OPERATOR_MODES}
 
 
 class Transition(NamedTuple):
     """One row of the table: in mode ``source``, ``trigger`` leads to ``target``; ``meaning`` says when it is fired."""
 
     source: Mode
-    trigger: Trigger
+    trigger: Cause
     target: Mode
     meaning: str
 
@@ -70,44 +49,40 @@ _BEFORE = "before its first command: a safe_stop was in force"
 _HEARD = "another part of the weld holds a safe_stop"
 
 TRANSITIONS: tuple[Transition, ...] = (
-    Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
-    Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the previously active controller sends nothing"),
-    Transition(Mode.AUTO, Trigger.INTERRUPTED, Mode.START, "measurements are back after a gap"),
-    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready") for m in _but(Mode.AUTO)),
-    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits") for m in _but(Mode.MANUAL)),
-    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
-    *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
-    Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no usable controller left"),
-    Transition(Mode.AUTO, Trigger.STORM, Mode.HOLD, "too many automatic swaps"),
-    Transition(Mode.HOLD, Trigger.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
-    Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
-    Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
-    Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
-    *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Trigger.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Trigger.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance") for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
+    Transition(Mode.START, Cause.READY, Mode.AUTO, "first good proposal"),
+    Transition(Mode.START, Cause.ABANDONED, Mode.HOLD, "in mid-weld, the previously active controller sends nothing"),
+    Transition(Mode.AUTO, Cause.INTERRUPTED, Mode.START, "measurements are back after a gap"),
+    *(Transition(m, Cause.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready") for m in _but(Mode.AUTO)),
+    *(Transition(m, Cause.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits") for m in _but(Mode.MANUAL)),
+    *(Transition(m, Cause.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
+    *(Transition(m, Cause.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
+    Transition(Mode.AUTO, Cause.NO_CONTROLLER, Mode.HOLD, "no usable controller left"),
+    Transition(Mode.AUTO, Cause.STORM, Mode.HOLD, "too many automatic swaps"),
+    Transition(Mode.HOLD, Cause.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
+    Transition(Mode.HOLD, Cause.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
+    Transition(Mode.START, Cause.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
+    Transition(Mode.MANUAL, Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
+    *(Transition(m, Cause.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Cause.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Cause.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance") for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Cause.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
 )
 
 #: by trigger that begins a safe stop here, its cause; ``STOP_HEARD`` brings the cause with it
 STOP_CAUSES = {
-    Trigger.OPERATOR_SAFE_STOP: StopCause.OPERATOR,
-    Trigger.INTERLOCK_TRIP: StopCause.INTERLOCK,
-    Trigger.HOLD_TIMEOUT: StopCause.HOLD_TIMEOUT,
-    Trigger.START_TIMEOUT: StopCause.START_TIMEOUT,
-    Trigger.BLIND_TIMEOUT: StopCause.BLIND,
-    Trigger.RESTARTED: StopCause.RESTART,
-    Trigger.CLOCK_STOPPED: StopCause.CLOCK,
+    Cause.OPERATOR_SAFE_STOP: StopCause.OPERATOR,
+    Cause.INTERLOCK_TRIP: StopCause.INTERLOCK,
+    Cause.HOLD_TIMEOUT: StopCause.HOLD_TIMEOUT,
+    Cause.START_TIMEOUT: StopCause.START_TIMEOUT,
+    Cause.BLIND_TIMEOUT: StopCause.BLIND,
+    Cause.RESTARTED: StopCause.RESTART,
+    Cause.CLOCK_STOPPED: StopCause.CLOCK,
 }
 
-_TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
+_TABLE: dict[tuple[Mode, Cause], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 
 
-#: begins the reason of a supervisor that leads in another's place; behind it in brackets why that was in its state
-TOOK_OVER = "took over"
-
-
-def next_mode(mode: Mode, trigger: Trigger) -> Mode | None:
+def next_mode(mode: Mode, trigger: Cause) -> Mode | None:
     """Mode that ``trigger`` leads to from ``mode``; None where the table has no such row."""
     return _TABLE.get((mode, trigger))
 
@@ -120,19 +95,22 @@ class Level(StrEnum):
     ERROR = "error"
 
 
-def before_takeover(reason: str) -> str:
-    """Why a supervisor is in its state, without that it has taken over; empty if it knows no more."""
-    if not reason.startswith(TOOK_OVER):
-        return reason
-    return reason.partition(" (")[2].removesuffix(")")
-
-
 class Event(NamedTuple):
     """One line of the log: who (``operator``, ``failover``, ``start``, a controller ...) and what happened, and why."""
 
     level: Level
     who: str
     text: str
+
+
+class Standing(NamedTuple):
+    """A mode and controller, what brought them about, why they last, and the operator who asked for them."""
+
+    mode: str
+    controller: str
+    cause: Cause
+    reason: str
+    who: str = ""
 
 
 class Machine:
@@ -148,7 +126,8 @@ class Machine:
         self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
         self.reason = "starting: waiting for measurements"  #: why the present state was entered or lasts
-        self.requested_by = "start"  #: who asked for it
+        self.cause = Cause.STARTED  #: what it was entered by
+        self.who = ""  #: the operator who asked for it
         self.since_ns = 0  #: stamp of the tick at which it was entered
         self.transitions = 0  #: changes of mode or controller since the start
         self.revision = 0  #: changes whenever something that an operator sees has changed
@@ -166,7 +145,7 @@ class Machine:
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)  # times of automatic swaps
         self._origin_ns = self._periods = 0
-        self._told = ("", "", "")  # of the leader: mode, controller, and why
+        self._told: Standing | None = None  # of the leader
 
     def advance(self, stamp_ns: int, time_ns: int | None = None) -> None:
         """Begin the next tick, at ``time_ns`` on the clock of all time-outs; by default one tick period later."""
@@ -189,6 +168,12 @@ class Machine:
         return (self.time_ns - since_ns) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
 
     @property
+    def standing(self) -> Standing:
+        """Mode and controller as they are told: in ``start`` nothing changes, as in hold."""
+        mode = Mode.HOLD if self.mode is Mode.START else self.mode
+        return Standing(str(mode), self.active, self.cause, self.reason, self.who)
+
+    @property
     def ticks_in_mode(self) -> int:
         """Ticks since the mode was entered."""
         return self.tick - self._mode_tick
@@ -198,7 +183,7 @@ class Machine:
         recent = sum(not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic)
         return recent >= self.settings.storm_swaps > 0
 
-    def fire(self, trigger: Trigger, reason: str, who: str, controller: str = "") -> None:
+    def fire(self, trigger: Cause, reason: str, who: str, controller: str = "") -> None:
         """Make the transition that the table has for ``trigger``, if any.
 
         ``controller`` becomes the active one where the transition leads to auto.
@@ -207,15 +192,15 @@ class Machine:
         if target is None or (self.register.stopped and target is not Mode.SAFE_STOP):
             return
         before = self.mode
-        known = trigger is Trigger.RESTARTED and self.register.value.epoch > 0  # and acknowledged
+        known = trigger is Cause.RESTARTED and self.register.value.epoch > 0  # and acknowledged
         if target is Mode.SAFE_STOP and not self.register.stopped and not known:
             self.register.stop(STOP_CAUSES[trigger], who, self._stamp_ns)
         self._enter(target)
         self.active = controller if target is Mode.AUTO else ""
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
-        if trigger is Trigger.CONTROLLER_BACK:
+        if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
-        self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
+        self._note(trigger, reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
 
     def _enter(self, mode: Mode) -> None:
         """Be in a mode from this tick on."""
@@ -251,15 +236,15 @@ class Machine:
         self.revision += 1
         if self.register.stopped:
             cause = stop.cause.name.lower()
-            self.fire(Trigger.STOP_HEARD, f"a safe stop is in force: {cause}, {stop.who}", stop.who or "operator")
+            self.fire(Cause.STOP_HEARD, f"a safe stop is in force: {cause}, {stop.who}", stop.who or "operator")
 
-    def swap(self, name: str, reason: str, who: str, automatic: bool) -> None:
+    def swap(self, name: str, cause: Cause, reason: str, who: str) -> None:
         """Make ``name`` the active controller; only in auto."""
         before, self.active = self.active, name
         self.slewing = self.settings.transition_ticks
-        if automatic:
+        if cause is not Cause.SWAP_REQUESTED:
             self._automatic.append(self.time_ns)
-        self._note(reason, who, f"{before} -> {name}")
+        self._note(cause, reason, who, f"{before} -> {name}")
 
     def set_target(self, controller: str = "", mode: Mode | None = None) -> None:
         """Set the controller and the mode requested by the operator; omitted ones stay."""
@@ -282,19 +267,19 @@ class Machine:
             if mode is not self.mode:
                 self._enter(mode)
             self.active = active
-            self.reason = ""
-        if self._told[:2] == (str(mode), active):
-            self.reason = self._told[2]
+            self.cause, self.reason, self.who = Cause.UNKNOWN, "", ""
+        if (told := self._told) is not None and (told.mode, told.controller) == (mode, active):
+            self.cause, self.reason, self.who = told.cause, told.reason, told.who
 
-    def mirror_reason(self, mode: str, controller: str, reason: str) -> None:
-        """On standby: note what the leader tells of its mode and controller; ``reason`` without its takeovers."""
-        self._told = (mode, controller, before_takeover(reason))
+    def mirror_standing(self, standing: Standing) -> None:
+        """On standby: note what the leader tells of its state."""
+        self._told = standing
 
-    def lead(self, reason: str) -> None:
-        """Record that a standby leads from now on, in its present state."""
+    def lead(self, why: str) -> None:
+        """Lead from now on, in the present state, which has the cause that it had."""
         self.slewing = self.settings.transition_ticks
-        before = before_takeover(self.reason)
-        self._note(f"{reason} ({before})" if before else reason, "takeover", f"leads in {self.mode}")
+        self.transitions += 1
+        self.log(Level.INFO, "takeover", f"leads in {self.mode}: {why}")
 
     def explain(self, reason: str) -> None:
         """Say why the present state lasts."""
@@ -307,7 +292,8 @@ class Machine:
         self.revision += 1
         self.events.append(Event(level, who, text))
 
-    def _note(self, reason: str, who: str, text: str) -> None:
-        self.reason, self.requested_by, self.since_ns = reason, who, self._stamp_ns
+    def _note(self, cause: Cause, reason: str, who: str, text: str) -> None:
+        self.cause, self.reason, self.since_ns = cause, reason, self._stamp_ns
+        self.who = who if cause.on_request else ""
         self.transitions += 1
         self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason}")

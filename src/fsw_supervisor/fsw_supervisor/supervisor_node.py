@@ -12,6 +12,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
+from fsw_control.cause import Cause
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
@@ -31,7 +32,7 @@ from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.leadership_ros import Leadership
 from fsw_supervisor.services_ros import OperatorServices
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 
 _HOUSEKEEPING_S = 0.2
@@ -130,7 +131,8 @@ class SupervisorNode(LightNode, Node):
     def _on_leader_state(self, message: SupervisorState) -> None:
         if self._failover.on_leader_state(convert.signature(message)):
             inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
-            actual = (message.actual_mode, message.actual_controller, message.reason)
+            cause = Cause(message.cause)
+            actual = Standing(message.actual_mode, message.actual_controller, cause, message.reason, message.who)
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)
         self._publish([])
 

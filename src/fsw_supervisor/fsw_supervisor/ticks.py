@@ -5,11 +5,12 @@ from __future__ import annotations
 from enum import StrEnum
 from math import inf
 
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
-from fsw_supervisor.state_machine import Level, Trigger
+from fsw_supervisor.state_machine import Level
 from fsw_supervisor.tick import GAP_S, Decision, Tick
 
 #: in real time, time without a usable stamp after which a safe stop begins, as with the drives' watchdog [s]
@@ -116,7 +117,7 @@ class Ticks:
             self._machine.log(Level.ERROR, who, f"{silence} for {GAP_S:g} s")
         silent_s = self.now_s - self.present.started_s
         if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
-            self._machine.fire(Trigger.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
+            self._machine.fire(Cause.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
 
     @property
     def _begins_anew(self) -> bool:
@@ -187,7 +188,7 @@ class Ticks:
         if self.present is not None:
             self.present.previous = None
         self._machine.log(Level.WARN, "sensors", reason)
-        self._machine.fire(Trigger.INTERRUPTED, reason, "start")
+        self._machine.fire(Cause.INTERRUPTED, reason, "start")
 
     # ---------------------------------------------------------------- commands
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -227,7 +228,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert rig.arbiter.machine.reason == "decentral has no usable proposal, nmpc has"
-    assert rig.arbiter.machine.requested_by == "start"
+    assert rig.arbiter.machine.cause is Cause.READY
 
 
 def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
@@ -267,11 +268,11 @@ def test_who_was_active_is_waited_for_some_ticks(make_rig):
 
 def test_the_start_is_told_with_the_reason(rig):
     machine = rig.arbiter.machine
-    assert (machine.reason, machine.requested_by) == ("decentral is configured to start with", "start")
+    assert (machine.reason, machine.cause) == ("decentral is configured to start with", Cause.READY)
     rig.now_s += 5.0
     rig.stamp_ns += 50 * STEP_NS
     rig.run(1)
-    assert (machine.reason, machine.requested_by) == ("decentral was active before", "start")
+    assert (machine.reason, machine.cause) == ("decentral was active before", Cause.READY)
 
 
 def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
@@ -292,7 +293,7 @@ def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig)
     rig.run(1)
     machine = rig.arbiter.machine
     assert machine.reason == "decentral failed: no proposal at the deadline; no fallback is ready"
-    assert (machine.requested_by, rig.last.reason) == ("failover", machine.reason)
+    assert (machine.cause, rig.last.reason) == (Cause.NO_CONTROLLER, machine.reason)
     assert "error failover: decentral failed: no proposal at the deadline" in rig.events()
 
 
@@ -390,7 +391,7 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
     rig.run(1)
     assert rig.last.source == "hold"
     assert rig.arbiter.machine.reason == "too many swaps in 3 s; nmpc failed: x"
-    assert rig.arbiter.machine.requested_by == "failover"
+    assert rig.arbiter.machine.cause is Cause.STORM
     rig.edit.clear()
     rig.run(25)
     assert rig.last.source == "hold"

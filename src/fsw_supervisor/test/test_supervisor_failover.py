@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.reports_ros import OK, WARN
 from fsw_supervisor.reports_ros import diagnostics
@@ -41,7 +42,7 @@ def test_a_refused_proposal_is_replaced_in_the_same_tick(rig, changes, words):
     record = rig.arbiter.registry.get("decentral")
     assert words in record.inhibited
     assert words in rig.arbiter.machine.reason
-    assert rig.arbiter.machine.requested_by == "failover"
+    assert rig.arbiter.machine.cause is Cause.SWAP_FAILED
     assert rig.arbiter.machine.target == "decentral"
     assert record.rejected == (0 if changes.get("healthy") is False else 1)
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_supervisor.in_force import CommandInForce
@@ -171,7 +172,7 @@ def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(mo
     assert monitor.tripped == tripped
     assert (monitor._machine.mode is Mode.SAFE_STOP) == bool(tripped)
     if tripped:
-        assert monitor._machine.requested_by == "interlock"
+        assert monitor._machine.cause is Cause.INTERLOCK_TRIP
         assert monitor._machine.reason == monitor.causes
 
 

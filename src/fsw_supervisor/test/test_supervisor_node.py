@@ -14,6 +14,7 @@ from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
+from fsw_control.cause import Cause  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
 from fsw_control.fence import Fence  # noqa: E402
 from fsw_control.topics_ros import LATEST  # noqa: E402
@@ -211,7 +212,7 @@ def test_switches_by_service_and_says_what_happened(bench):
     assert "nmpc is applied" in answer.message
     bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
     bench.until(lambda: bench.peer.states[-1].actual_controller == "nmpc")
-    assert bench.peer.states[-1].requested_by == "operator"
+    assert Cause(bench.peer.states[-1].cause) is Cause.SWAP_REQUESTED
     refused = bench.switch("nobody")
     assert (refused.ok, refused.message) == (False, "refused: unknown controller 'nobody'; known: decentral, nmpc")
     assert "strictness" in bench.switch("nmpc", strictness=7).message
@@ -256,7 +257,7 @@ def test_fails_over_within_the_tick(bench):
     stamps = [convert.stamp_ns(message.header.stamp) for message in bench.peer.commands]
     assert stamps == [STEP_NS * count for count in range(1, len(stamps) + 1)]
     assert {message.source for message in bench.peer.commands} == {"decentral", "nmpc"}
-    bench.until(lambda: bench.peer.states[-1].requested_by == "failover")
+    bench.until(lambda: bench.peer.states[-1].cause == Cause.SWAP_FAILED)
 
 
 def test_modes_by_service(bench):

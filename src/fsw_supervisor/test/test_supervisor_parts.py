@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, load
 from fsw_schema.models import InputError
@@ -14,7 +15,7 @@ from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import TRANSITIONS, Level, Machine, Mode, Trigger, next_mode
+from fsw_supervisor.state_machine import TRANSITIONS, Level, Machine, Mode, next_mode
 from fsw_supervisor.tick import ProposalInput, check
 
 WORKSPACE = Path(__file__).parents[3]
@@ -87,18 +88,20 @@ def test_rounding_of_the_unit_conversion_is_no_violation():
 
 def test_each_pair_of_mode_and_trigger_leads_to_one_mode():
     assert len({(row.source, row.trigger) for row in TRANSITIONS}) == len(TRANSITIONS)
-    assert {row.trigger for row in TRANSITIONS} == set(Trigger)
-    assert next_mode(Mode.SAFE_STOP, Trigger.CONTROLLER_BACK) is None
+    assert {row.trigger for row in TRANSITIONS} == set(Cause) - {
+        *(Cause.STARTED, Cause.UNKNOWN, Cause.SWAP_REQUESTED, Cause.SWAP_FAILED, Cause.SWAP_BACK)
+    }
+    assert next_mode(Mode.SAFE_STOP, Cause.CONTROLLER_BACK) is None
     leaving = {row.trigger for row in TRANSITIONS if row.source is Mode.SAFE_STOP}
-    assert leaving == {Trigger.OPERATOR_AUTO, Trigger.OPERATOR_MANUAL, Trigger.OPERATOR_HOLD}
+    assert leaving == {Cause.OPERATOR_AUTO, Cause.OPERATOR_MANUAL, Cause.OPERATOR_HOLD}
 
 
 @pytest.mark.requirement("S3")
 def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
     for mode in Mode:
         if mode is not Mode.SAFE_STOP:
-            assert next_mode(mode, Trigger.OPERATOR_SAFE_STOP) is Mode.SAFE_STOP
-            assert next_mode(mode, Trigger.INTERLOCK_TRIP) is Mode.SAFE_STOP
+            assert next_mode(mode, Cause.OPERATOR_SAFE_STOP) is Mode.SAFE_STOP
+            assert next_mode(mode, Cause.INTERLOCK_TRIP) is Mode.SAFE_STOP
 
 
 def test_the_diagram_in_the_documentation_is_up_to_date(drawing):

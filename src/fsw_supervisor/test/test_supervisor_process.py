@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -123,7 +124,7 @@ def test_an_interlock_trips_into_safe_stop_whoever_controls(rig, sensor, value, 
         rig.run(1)
     rig.run(3)
     assert rig.last.source == "safe_stop"
-    assert rig.arbiter.machine.requested_by == "interlock"
+    assert rig.arbiter.machine.cause is Cause.INTERLOCK_TRIP
     assert f"{name}:trip" in rig.arbiter.safety.active
     ok, message = rig.arbiter.operator.ask_mode("auto", None, "operator")
     assert not ok

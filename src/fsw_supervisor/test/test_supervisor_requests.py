@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -273,12 +274,12 @@ def test_manual_values_may_be_changed_while_in_manual(rig):
 def test_what_the_operator_wants_is_noted_beside_what_is(rig):
     machine = rig.arbiter.machine
     rig.arbiter.operator.ask_mode("hold", None, "anna")
-    assert (machine.mode, machine.target_mode, machine.requested_by) == (Mode.HOLD, Mode.HOLD, "anna")
+    assert (machine.mode, machine.target_mode, machine.who) == (Mode.HOLD, Mode.HOLD, "anna")
     assert machine.reason == "anna asked for hold"
     ask(rig)
     rig.arbiter.operator.ask_mode("auto", None, "berta")
     assert (machine.mode, machine.target_mode, machine.active) == (Mode.AUTO, Mode.AUTO, "nmpc")
-    assert machine.requested_by == "berta"
+    assert (machine.who, machine.cause) == ("berta", Cause.OPERATOR_AUTO)
 
 
 def test_auto_takes_the_first_of_the_fallbacks_that_is_ready(rig):

@@ -4,12 +4,13 @@ import math
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.stop import StopCause
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Machine, Mode, Trigger
+from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Machine, Mode
 
 HOT, GOOD, NAN = 930.0, 850.0, math.nan
 MANUAL = Command(78.0, 407.5)
@@ -136,7 +137,7 @@ def test_a_cause_acts_by_level_in_every_mode(rig, mode):
     machine.mode, machine.active = mode, "decentral" if mode is Mode.AUTO else ""
     rig.run(1)
     assert rig.last.source == "safe_stop"
-    assert machine.requested_by == "interlock"
+    assert machine.cause is Cause.INTERLOCK_TRIP
 
 
 @pytest.mark.requirement("S25")
@@ -172,17 +173,17 @@ def test_a_standby_that_sees_a_cause_stays_in_the_safe_stop_whatever_the_leader_
 
 @pytest.mark.requirement("S25")
 @pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("trigger", list(Trigger))
+@pytest.mark.parametrize("trigger", list(Cause))
 def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trigger):
     machine = Machine(ArbiterSettings.from_values({}))
     machine.mode = mode
     machine.register.stop(StopCause.OPERATOR, "operator", 0)
-    machine.fire(Trigger.OPERATOR_SAFE_STOP, "", "operator")
+    machine.fire(Cause.OPERATOR_SAFE_STOP, "", "operator")
     machine.fire(trigger, "", "operator", "decentral")
     assert machine.mode is Mode.SAFE_STOP
     machine.acknowledge("operator")
     machine.fire(trigger, "", "operator", "decentral")
-    leads_out = trigger in OPERATOR_TRIGGERS.values() and trigger is not Trigger.OPERATOR_SAFE_STOP
+    leads_out = trigger in OPERATOR_TRIGGERS.values() and trigger is not Cause.OPERATOR_SAFE_STOP
     assert (machine.mode is not Mode.SAFE_STOP) == leads_out
 
 

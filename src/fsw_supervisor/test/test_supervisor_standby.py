@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
 from fsw_control.fence import Fence, Signature
 from fsw_supervisor.arbiter import Arbiter
@@ -102,12 +103,12 @@ class World:
 
     def tell(self, teller):
         signature, target = teller.failover.signature, teller.arbiter.machine.target
-        mode = str(teller.arbiter.machine.target_mode)
+        mode, standing = str(teller.arbiter.machine.target_mode), teller.arbiter.machine.standing
         self.fence.register.merge(signature.stop)
 
         def claim(member):
             if teller.failover.role is Role.ACTIVE and member.failover.on_leader_state(signature):
-                member.arbiter.follow_operator(target, mode, {})
+                member.arbiter.follow_operator(target, mode, {}, standing)
             elif member is not teller:
                 member.failover.on_stop(signature.stop)
 
@@ -185,7 +186,7 @@ def test_the_standby_takes_over_after_two_ticks_and_loses_one(world):
     assert world.active == ["b"]
     assert world.lost(20) == 1
     assert world.source == "decentral"
-    assert b.arbiter.machine.requested_by == "takeover"
+    assert b.arbiter.machine.cause is Cause.READY, "a takeover changes who leads, not why"
 
 
 def test_it_takes_over_what_the_operator_chose(world):
@@ -211,8 +212,15 @@ def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
 
 
 @pytest.mark.requirement("S9", "S25")
-@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP])
-def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is_not_lost(world, mode):
+@pytest.mark.parametrize(
+    ("mode", "cause"),
+    [
+        (Mode.MANUAL, Cause.OPERATOR_MANUAL),
+        (Mode.HOLD, Cause.OPERATOR_HOLD),
+        (Mode.SAFE_STOP, Cause.STOP_HEARD),
+    ],
+)
+def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is_not_lost(world, mode, cause):
     a, b = world.members
 
     def ask(member):
@@ -224,7 +232,7 @@ def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is
     world.members.remove(a)
     world.tick(10)
     assert world.source == mode
-    assert (b.arbiter.machine.mode, b.arbiter.machine.requested_by) == (mode, "takeover")
+    assert (b.arbiter.machine.mode, b.arbiter.machine.cause) == (mode, cause)
 
 
 @pytest.mark.requirement("S25")

@@ -2,10 +2,11 @@
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.stop import Stop
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Trigger, next_mode
+from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Standing, next_mode
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def test_it_begins_in_start_with_what_is_configured():
     machine = Machine(ArbiterSettings.from_values({"controller": "nmpc"}))
     assert (machine.mode, machine.target_mode, machine.active, machine.target) == (Mode.START, Mode.AUTO, "", "nmpc")
     assert (machine.transitions, machine.revision, machine.tick, machine.slewing, machine.since_ns) == (0, 0, 0, 0, 0)
-    assert (machine.acknowledged, machine.requested_by, list(machine.events)) == (False, "start", [])
+    assert (machine.acknowledged, machine.cause, list(machine.events)) == (False, Cause.STARTED, [])
     assert machine.reason == "starting: waiting for measurements"
     assert not machine.storming()
 
@@ -34,14 +35,14 @@ def test_it_begins_in_start_with_what_is_configured():
 def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
     ticks(machine, 5)
     machine.advance(4200)
-    machine.fire(Trigger.READY, "it is ready", "start", "nmpc")
+    machine.fire(Cause.READY, "it is ready", "start", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.AUTO, "nmpc", 7)
-    assert (machine.reason, machine.requested_by, machine.since_ns) == ("it is ready", "start", 4200)
+    assert (machine.reason, machine.cause, machine.since_ns) == ("it is ready", Cause.READY, 4200)
     assert (machine.transitions, machine.ticks_in_mode) == (1, 0)
     assert machine.events[-1] == Event(Level.INFO, "start", "start -> auto (nmpc): it is ready")
     assert machine.revision == 1
     ticks(machine, 3)
-    machine.fire(Trigger.INTERLOCK_TRIP, "too hot", "interlock", "nmpc")
+    machine.fire(Cause.INTERLOCK_TRIP, "too hot", "interlock", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.SAFE_STOP, "", 0)
     assert machine.events[-1] == Event(Level.ERROR, "interlock", "auto -> safe_stop: too hot")
     assert (machine.transitions, machine.ticks_in_mode) == (2, 0)
@@ -49,7 +50,7 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
 
 
 def test_a_trigger_that_the_table_does_not_have_changes_nothing(machine):
-    machine.fire(Trigger.STORM, "a storm", "failover")
+    machine.fire(Cause.STORM, "a storm", "failover")
     assert (machine.mode, machine.transitions, machine.revision) == (Mode.START, 0, 0)
 
 
@@ -63,21 +64,21 @@ def test_each_row_of_the_table_is_followed_and_says_when(row):
 @pytest.mark.parametrize(
     ("trigger", "target", "sources"),
     [
-        (Trigger.OPERATOR_AUTO, Mode.AUTO, set(Mode) - {Mode.AUTO}),
-        (Trigger.OPERATOR_MANUAL, Mode.MANUAL, set(Mode) - {Mode.MANUAL}),
-        (Trigger.OPERATOR_HOLD, Mode.HOLD, set(Mode) - {Mode.HOLD}),
-        (Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
-        (Trigger.RESTARTED, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
-        (Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
-        (Trigger.READY, Mode.AUTO, {Mode.START}),
-        (Trigger.ABANDONED, Mode.HOLD, {Mode.START}),
-        (Trigger.START_TIMEOUT, Mode.SAFE_STOP, {Mode.START}),
-        (Trigger.INTERRUPTED, Mode.START, {Mode.AUTO}),
-        (Trigger.NO_CONTROLLER, Mode.HOLD, {Mode.AUTO}),
-        (Trigger.STORM, Mode.HOLD, {Mode.AUTO}),
-        (Trigger.CONTROLLER_BACK, Mode.AUTO, {Mode.HOLD}),
-        (Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, {Mode.HOLD}),
-        (Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, {Mode.MANUAL}),
+        (Cause.OPERATOR_AUTO, Mode.AUTO, set(Mode) - {Mode.AUTO}),
+        (Cause.OPERATOR_MANUAL, Mode.MANUAL, set(Mode) - {Mode.MANUAL}),
+        (Cause.OPERATOR_HOLD, Mode.HOLD, set(Mode) - {Mode.HOLD}),
+        (Cause.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Cause.RESTARTED, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Cause.INTERLOCK_TRIP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Cause.READY, Mode.AUTO, {Mode.START}),
+        (Cause.ABANDONED, Mode.HOLD, {Mode.START}),
+        (Cause.START_TIMEOUT, Mode.SAFE_STOP, {Mode.START}),
+        (Cause.INTERRUPTED, Mode.START, {Mode.AUTO}),
+        (Cause.NO_CONTROLLER, Mode.HOLD, {Mode.AUTO}),
+        (Cause.STORM, Mode.HOLD, {Mode.AUTO}),
+        (Cause.CONTROLLER_BACK, Mode.AUTO, {Mode.HOLD}),
+        (Cause.HOLD_TIMEOUT, Mode.SAFE_STOP, {Mode.HOLD}),
+        (Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, {Mode.MANUAL}),
     ],
 )
 def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sources):
@@ -87,13 +88,14 @@ def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sourc
 
 
 def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
-    machine.fire(Trigger.READY, "", "start", "a")
-    for name, automatic in (("b", False), ("a", False), ("b", True)):
-        machine.swap(name, "why", "who", automatic=automatic)
+    machine.fire(Cause.READY, "", "start", "a")
+    asked, failed = Cause.SWAP_REQUESTED, Cause.SWAP_FAILED
+    for name, cause in (("b", asked), ("a", asked), ("b", failed)):
+        machine.swap(name, cause, "why", "who")
         assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
     assert machine.events[-1] == Event(Level.INFO, "who", "a -> b: why")
     ticks(machine, 5)
-    machine.swap("a", "why", "who", automatic=True)
+    machine.swap("a", failed, "why", "who")
     assert machine.storming()
     ticks(machine, 4)
     assert machine.storming()
@@ -102,19 +104,19 @@ def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
 
 
 def test_coming_back_from_hold_counts_as_an_automatic_swap_and_starting_does_not(machine):
-    machine.fire(Trigger.READY, "", "start", "a")
-    machine.swap("b", "", "failover", automatic=True)
-    machine.fire(Trigger.NO_CONTROLLER, "", "failover")
+    machine.fire(Cause.READY, "", "start", "a")
+    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
+    machine.fire(Cause.NO_CONTROLLER, "", "failover")
     assert not machine.storming()
-    machine.fire(Trigger.CONTROLLER_BACK, "", "failover", "a")
+    machine.fire(Cause.CONTROLLER_BACK, "", "failover", "a")
     assert machine.storming()
 
 
 def test_without_a_limit_there_is_no_storm():
     machine = Machine(ArbiterSettings.from_values({"storm_swaps": 0}))
-    machine.fire(Trigger.READY, "", "start", "a")
+    machine.fire(Cause.READY, "", "start", "a")
     assert not machine.storming()
-    machine.swap("b", "", "failover", automatic=True)
+    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
     assert not machine.storming()
 
 
@@ -149,7 +151,7 @@ def test_to_renew_a_mode_begins_its_time_anew(machine):
 
 
 def test_the_transition_limits_end_after_their_ticks_or_on_arrival(machine):
-    machine.fire(Trigger.READY, "", "start", "a")
+    machine.fire(Cause.READY, "", "start", "a")
     machine.slew(arrived=False)
     assert machine.slewing == 6
     machine.slew(arrived=True)
@@ -185,26 +187,25 @@ def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machin
 
 
 def test_a_standby_that_leads_tells_so_and_slews(machine):
-    machine.mirror_reason("auto", "nmpc", "nmpc is configured to start with")
+    machine.mirror_standing(Standing("auto", "nmpc", Cause.SWAP_REQUESTED, "anna asked for nmpc", "anna"))
     machine.mirror("nmpc")
-    machine.lead("took over")
-    assert (machine.slewing, machine.requested_by) == (7, "takeover")
-    assert machine.reason == "took over (nmpc is configured to start with)"
-    assert machine.events[-1].text == f"leads in auto: {machine.reason}"
+    machine.lead("3 ticks went unanswered")
+    assert (machine.slewing, machine.cause, machine.who) == (7, Cause.SWAP_REQUESTED, "anna")
+    assert machine.reason == "anna asked for nmpc", "a takeover changes who leads, not why"
+    assert machine.events[-1].who == "takeover"
+    assert machine.events[-1].text == "leads in auto: 3 ticks went unanswered"
 
 
-def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other_again_and_again(machine):
-    machine.mirror_reason("hold", "", "no controller is ready (late)")
-    machine.mirror("hold")
-    machine.lead("took over: 2 ticks went unanswered")
+def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
+    told = Standing("hold", "", Cause.NO_CONTROLLER, "no controller is ready (late)")
     for _ in range(3):
-        machine.mirror_reason("hold", "", machine.reason)
+        machine.mirror_standing(told)
         machine.mirror("hold")
-        machine.lead("took over: 3 ticks went unanswered")
-    assert machine.reason == "took over: 3 ticks went unanswered (no controller is ready (late))"
+        machine.lead("3 ticks went unanswered")
+        assert (machine.cause, machine.reason) == (told.cause, told.reason)
     machine.mirror("nmpc")
-    machine.lead("took over: 2 ticks went unanswered")
-    assert machine.reason == "took over: 2 ticks went unanswered", "the leader died before it told why"
+    machine.lead("2 ticks went unanswered")
+    assert (machine.cause, machine.reason) == (Cause.UNKNOWN, ""), "the leader died before it told why"
 
 
 # ---------------------------------------------------------------- settings

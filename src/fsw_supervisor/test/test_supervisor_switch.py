@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -19,7 +20,7 @@ def test_a_swap_happens_between_two_ticks_and_is_answered_when_it_is_applied(rig
     rig.run(1)
     assert (request.ok, rig.last.source) == (True, "nmpc")
     assert "nmpc is applied" in request.message
-    assert rig.arbiter.machine.requested_by == "operator"
+    assert rig.arbiter.machine.cause is Cause.SWAP_REQUESTED
     assert len({tick[0].stamp_ns for tick in rig.ticks}) == len(rig.ticks)
 
 

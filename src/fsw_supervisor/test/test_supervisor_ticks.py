@@ -2,6 +2,7 @@
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_supervisor.arbiter import Arbiter
@@ -80,7 +81,7 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
     acting = Command(73.0, 407.5)
     out = arbiter.on_sample("depth", rig.stamp_ns, rig.values["depth"], rig.now_s)
     assert arbiter.machine.mode is Mode.START
-    assert (arbiter.machine.reason, arbiter.machine.requested_by) == ("measurements are back after a gap", "start")
+    assert (arbiter.machine.reason, arbiter.machine.cause) == ("measurements are back after a gap", Cause.INTERRUPTED)
     for name in rig.names:
         out += arbiter.on_proposal(name, ProposalInput(rig.stamp_ns, name, acting), rig.now_s)
     out += arbiter.on_drives(rig.stamp_ns, acting, rig.now_s)
@@ -192,7 +193,7 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
     rig.tick()
     assert machine.mode is Mode.SAFE_STOP
     assert machine.reason.startswith(words)
-    assert machine.requested_by == "failover"
+    assert machine.cause in (Cause.HOLD_TIMEOUT, Cause.START_TIMEOUT, Cause.BLIND_TIMEOUT)
 
 
 def test_auto_never_times_out(make_rig):
@@ -210,7 +211,10 @@ def test_hold_ends_with_the_configured_controller_first_and_it_is_told(rig):
     rig.arbiter.registry.readmit_all("operator")
     rig.run(7)
     assert rig.last.source == "decentral"
-    assert (rig.arbiter.machine.reason, rig.arbiter.machine.requested_by) == ("decentral is ready again", "failover")
+    assert (rig.arbiter.machine.reason, rig.arbiter.machine.cause) == (
+        "decentral is ready again",
+        Cause.CONTROLLER_BACK,
+    )
 
 
 def test_a_hold_of_the_operator_is_not_ended_by_a_controller_that_is_ready(rig):
@@ -249,7 +253,7 @@ def test_the_return_to_the_target_is_told_and_counts_as_an_automatic_swap(make_r
     rig.silent.clear()
     rig.run(5)
     assert rig.last.source == "decentral"
-    assert (rig.arbiter.machine.reason, rig.arbiter.machine.requested_by) == ("decentral is ready again", "failover")
+    assert (rig.arbiter.machine.reason, rig.arbiter.machine.cause) == ("decentral is ready again", Cause.SWAP_BACK)
     assert rig.arbiter.machine.storming()
 
 
@@ -374,5 +378,5 @@ def test_a_safe_stop_from_before_a_restart_is_told_as_such(make_rig):
     assert arbiter.machine.mode is Mode.START
     arbiter.on_source("safe_stop")
     assert arbiter.machine.mode is Mode.SAFE_STOP
-    assert arbiter.machine.requested_by == "start"
+    assert arbiter.machine.cause is Cause.RESTARTED
     assert arbiter.machine.reason == "a safe stop was in force before the restart"

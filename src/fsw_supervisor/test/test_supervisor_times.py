@@ -4,10 +4,11 @@ from itertools import pairwise
 
 import pytest
 
+from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import Machine, Mode, Trigger
+from fsw_supervisor.state_machine import Machine, Mode
 
 SECOND_NS = 1_000_000_000
 #: time between two measurements: that of a tick, and just less than what counts as a gap [s]
@@ -166,8 +167,8 @@ def test_persistence_is_a_time_in_at_least_two_values(elapsed_s, limit_s, values
 def test_storm_window_is_a_time(period_s):
     machine = Machine(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 9.0}))
     machine.advance(1, 1 * SECOND_NS)
-    machine.fire(Trigger.READY, "", "start", "a")
-    machine.swap("b", "", "failover", automatic=True)
+    machine.fire(Cause.READY, "", "start", "a")
+    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
     step_ns = round(period_s * SECOND_NS)
     for count in range(1, 200):
         machine.advance(1 + count, SECOND_NS + count * step_ns)

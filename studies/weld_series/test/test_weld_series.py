@@ -34,7 +34,7 @@ SHORT = {
 def test_a_bag_holds_what_was_welded(tmp_path):
     scenario = parse(yaml.safe_dump(SHORT), "test")
     welded = ClosedLoop(scenario, make_all(scenario, "decentral", {})).run()
-    action = {"who": "Ada", "action": "take control", "outcome": "done", "message": ""}
+    action = {"who": "Ada", "holder": "Ada", "action": "take control", "outcome": "done", "message": ""}
     parameters = {"decentral": {"tuning": "tight"}}
     bag.write(tmp_path / "bag", scenario, welded, {"canister": "C1"}, parameters, {40: action})
     read = load_weld(tmp_path / "bag")

@@ -24,6 +24,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from fsw_control.cause import Cause
 from fsw_hmi import history_report
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
@@ -311,7 +312,7 @@ class FakeHmi:
 
 
 SAFE_STOP = (
-    "Safe stop: hold for 10 s: took over: 2 ticks went unanswered (too many swaps in 30 s; nmpc failed: no proposal)"
+    "Safe stop: hold for 10 s: too many swaps in 30 s; nmpc failed: no proposal at the deadline, for the third time"
 )
 
 
@@ -380,7 +381,9 @@ def _state() -> dict[str, Any]:
         "target_mode": "auto",
         "actual_mode": "auto",
         "reason": "nmpc is ready",
-        "requested_by": "operator",
+        "cause": Cause.SWAP_REQUESTED,
+        "by": "operator",
+        "stop_cause": 0,
         "controllers": [
             {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
+from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import DriveSignals, WeldSignals
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C
 from fsw_quality import procedure
 from fsw_quality.procedure import Procedure
@@ -54,7 +55,7 @@ def good_weld() -> WeldSignals:
         drives=DriveSignals(constant(FORCE_KN), constant(SPEED_RPM)),
         counts={"/fsw/supervisor/state": 6},
         phases=[("dwell", 0.1), ("joint_line", 0.1 * DWELL)],
-        events=[WeldEvent(0.1 * DWELL, "phase", "phase joint_line"), WeldEvent(0.1 * TICKS, "weld", "weld done")],
+        events=[WeldEvent(0.1 * DWELL, "phase", "joint_line"), WeldEvent(0.1 * TICKS, "weld", "done")],
         angle_deg=0.02 * travelled,
         travel_mm=0.2 * travelled,
     )

@@ -18,7 +18,7 @@ from fsw_control.weld import TICK_S
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmation, Confirmations
 from fsw_supervisor.failover import Failover, Role
-from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.pair_rules import SWITCH_S, Request
 from fsw_test_support.pair_settings import HOME, NAMES, SETTINGS, VALUES
@@ -121,7 +121,7 @@ class Supervisor(Holder):
         self.failover.on_command(signature, stamp_ns, source, command)
         self.publish([])
 
-    def on_leader_state(self, signature: Signature, target: tuple[str, str], actual: tuple[str, str, str]) -> None:
+    def on_leader_state(self, signature: Signature, target: tuple[str, str], actual: Standing) -> None:
         """The other one has reported its state."""
         if self.failover.on_leader_state(signature):
             self.arbiter.follow_operator(*target, {}, actual)
@@ -183,10 +183,8 @@ class Supervisor(Holder):
 
     def _tell(self, name: str) -> None:
         machine = self.arbiter.machine
-        mode = str(Mode.HOLD if machine.mode is Mode.START else machine.mode)
         target = (machine.target, str(machine.target_mode))
-        actual = (mode, machine.active, machine.reason)
-        self.world.send(self.name, name, "on_leader_state", self.failover.signature, target, actual)
+        self.world.send(self.name, name, "on_leader_state", self.failover.signature, target, machine.standing)
 
     def greet(self, name: str) -> None:
         """Hand the latched messages to a process that has begun."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
+from fsw_control.cause import Cause
 from fsw_control.contract import SAFE_STOP, Command
 from fsw_control.fence import ActuatorState, Fence, Signature
 from fsw_control.stop import Stop, StopCause, StopRegister
@@ -16,7 +17,7 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.operator_requests import OperatorRequests
-from fsw_supervisor.state_machine import Machine, Mode, Trigger
+from fsw_supervisor.state_machine import Machine, Mode
 from fsw_supervisor.tick import Decision
 from fsw_test_support.pair_settings import HOME, SETTINGS
 
@@ -278,5 +279,5 @@ def ask_auto(before: Supervisor) -> Supervisor:
     if not before.active or not Rebuilt(before).machine.acknowledged:
         return before
     rebuilt = Rebuilt(before)
-    rebuilt.machine.fire(Trigger.OPERATOR_AUTO, "", "operator", CONTROL)
+    rebuilt.machine.fire(Cause.OPERATOR_AUTO, "", "operator", CONTROL)
     return rebuilt.value()

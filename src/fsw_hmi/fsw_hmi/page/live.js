@@ -15,7 +15,7 @@ import { TICK_AGE_S, verdict } from "./verdict.js";
 import { WeldMap } from "./weld_map.js";
 
 /** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
-/** @type {State} */ const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", requested_by: "", acknowledged: false, controllers: [], interlocks: [], parts: [] };
+/** @type {State} */ const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [], parts: [] };
 
 /** @implements {Listener} */
 export class LivePage {

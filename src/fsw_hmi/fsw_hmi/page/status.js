@@ -26,7 +26,7 @@ export class Status {
   }
 
   tell(/** @type {State} */ state) {
-    const { target_controller: wanted, actual_controller: actual, target_mode: mode, actual_mode: actualMode, reason, requested_by: by } = state;
+    const { target_controller: wanted, actual_controller: actual, target_mode: mode, actual_mode: actualMode, reason, by } = state;
     // In hold, manual and safe stop nobody among the controllers commands.
     const differs = !state.known || mode !== actualMode || (actualMode === "auto" && wanted !== actual);
     const target = differs ? `target ${wanted || "none"} · ${words(mode)}; ` : "";
