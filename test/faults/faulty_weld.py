@@ -237,7 +237,7 @@ class Weld(Spinner):
 
     def ready(self, *names):
         health = {item.name: item for item in self.states[-1].controllers} if self.states else {}
-        return all(name in health and not health[name].reason and health[name].warm for name in names)
+        return all(name in health and not health[name].lack and health[name].warm for name in names)
 
     def roles(self, name):
         """Roles that a supervisor has had since it started."""

@@ -105,8 +105,8 @@ def controllers(arguments: argparse.Namespace) -> int:
 
 def health(controller: Any) -> str:
     """Whether a controller can be selected, in words."""
-    if controller.reason:
-        return f"cannot be selected: {controller.reason}"
+    if lacks := convert.readiness(controller).words(controller.name):
+        return f"cannot be selected: {lacks}"
     return "ready" if controller.warm else "not ready yet"
 
 

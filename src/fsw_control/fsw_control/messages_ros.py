@@ -14,10 +14,12 @@ from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.ranges import set_point_problem
+from fsw_control.readiness import Lack, Readiness
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
 from fsw_msgs.msg import (
+    ControllerHealth,
     ControllerStatus,
     DriveFeedback,
     Prediction,
@@ -284,3 +286,8 @@ def mode_request(mode: str, force_kn: float | None = None, speed_rpm: float | No
         axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
         spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
     )
+
+
+def readiness(message: ControllerHealth) -> Readiness:
+    """What a controller lacks, as the supervisor tells it."""
+    return Readiness(Lack(message.lack), message.detail, tuple(message.missing_sensors))

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Reference
+from fsw_control.readiness import Lack, Readiness
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
@@ -48,6 +49,7 @@ MONITOR = "fsw_monitor"
 #: a swap that was asked for takes so long: the longest wait that can be asked for, and what the supervisor adds
 _SWAP_S = 12.0
 _LONGEST_ID = 100
+_NO_REASON = "no reason is told"
 
 
 class _Texts(BaseModel):
@@ -75,18 +77,6 @@ def alarm_id(kind: str, name: str) -> str:
         return plain
     kept = "".join(one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10])
     return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
-
-
-def because(reason: str, name: str = "") -> str:
-    """A reason without what the text before it says already."""
-    said = [
-        *(f"{name} {what}" for what in ("is inhibited", "is not ready", "is not usable", "failed")),
-        f"controller {name}",
-        name,
-    ]
-    while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
-        reason = reason.removeprefix(found).lstrip(": ")
-    return reason if reason not in ("", "is inhibited", "is not ready") else "no reason is told"
 
 
 def _tripped(state: Mapping[str, Any]) -> str:
@@ -243,16 +233,15 @@ class AlarmRules:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
-        why = because(state["reason"])
+        why = state["reason"] or _NO_REASON
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
             found["safe_stop"] = replace(alarm("safe_stop", why=_tripped(state) or why), trip=not asked)
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            own = next((one["reason"] for one in state["controllers"] if one["name"] == target), "")
-            # a reason that is about who commands now says nothing of whom it stands in for
-            return self._failover(actual, target, own if why.startswith(f"{actual} ") else why, found)
+            lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
+            return self._failover(actual, target, next(lacks, Readiness(Lack.UNKNOWN).why) or _NO_REASON, found)
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""
@@ -266,18 +255,17 @@ class AlarmRules:
             return None
         self._nominal = ""
         if self._failed[0] != target:  # why it was left, not what has happened since
-            self._failed = target, because(why, target)
+            self._failed = target, why
         found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
         return target
 
     def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-        name, why = one["name"], one["reason"]
+        name, why = one["name"], one["why"] or _NO_REASON
         if one["inhibited"]:
-            found[alarm_id("controller", name)] = alarm("inhibited", name=name, why=because(why, name))
+            found[alarm_id("controller", name)] = alarm("inhibited", name=name, why=why)
         elif not one["ready"]:
-            if any(f"the sensor {sensor}" in why and f"sensor:{sensor}" in found for sensor in SENSORS):
+            if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
                 return  # that sensor is the cause
-            why = because(why, name) if why else "it has not proposed enough"
             found[alarm_id("controller", name)] = alarm("not_ready", name=name, why=why)
 
     # ---------------------------------------------------------------- the weld

@@ -56,6 +56,8 @@ interface Health {
   healthy: boolean;
   inhibited: boolean;
   reason: string;
+  why: string;
+  missing_sensors: string[];
   latency_ms: Value;
   latency_max_ms: Value;
   missed: number;

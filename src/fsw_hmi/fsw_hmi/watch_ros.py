@@ -206,12 +206,15 @@ def _state(message: SupervisorState) -> dict[str, Any]:
 
 
 def _controller(one: ControllerHealth) -> dict[str, Any]:
+    lacks = convert.readiness(one)
     return {
         "name": readable(one.name, 100),
-        "ready": bool(one.warm) and not one.reason,
+        "ready": bool(one.warm) and not lacks.lack,
         "healthy": bool(one.healthy),
         "inhibited": bool(one.latched_out),
-        "reason": readable(one.reason),
+        "reason": readable(lacks.words(one.name)),
+        "why": readable(lacks.why),
+        "missing_sensors": list(lacks.sensors),
         "latency_ms": short(1e3 * one.latency_mean),
         "latency_max_ms": short(1e3 * one.latency_max),
         "missed": one.missed,

@@ -6,7 +6,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Reference
 from fsw_control.parameters import defaults, load
 from fsw_control.stop import StopCause
-from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id, because
+from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import limits
@@ -17,8 +17,8 @@ GOOD = {"depth_mm": 2.66, "reference_depth_mm": 2.66, "temperature_c": 850.0, "r
 GOOD |= {"force_kn": 80.0, "command_force_kn": 80.0, "speed_rpm": 400.0, "command_speed_rpm": 400.0}
 
 
-def controller(name="nmpc", ready=True, inhibited=False, reason=""):
-    return {"name": name, "ready": ready, "inhibited": inhibited, "reason": reason}
+def controller(name="nmpc", ready=True, inhibited=False, why="", missing_sensors=()):
+    return {"name": name, "ready": ready, "inhibited": inhibited, "why": why, "missing_sensors": missing_sensors}
 
 
 def state(**changed):
@@ -86,7 +86,7 @@ def test_no_alarm_in_a_good_weld(rules):
             {
                 "sensor_reasons": {"torque": "frozen"},
                 "state": state(
-                    controllers=[controller(ready=False, reason="nmpc cannot do without the sensor torque")]
+                    controllers=[controller(ready=False, why="requires the sensor torque", missing_sensors=["torque"])]
                 ),
             },
             *("sensor:torque", "medium"),
@@ -104,7 +104,7 @@ def test_no_alarm_in_a_good_weld(rules):
         (
             {
                 "parts": {"fsw_nmpc": {"a": Part("stale", "")}},
-                "state": state(controllers=[controller(ready=False, reason="nmpc has left the graph")]),
+                "state": state(controllers=[controller(ready=False, why="has left the graph")]),
             },
             *("controller:nmpc", "low"),
         ),
@@ -160,14 +160,16 @@ def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_th
         return found and found.text
 
     first = "decentral commands in place of nmpc: late"
-    assert told(actual_controller="decentral", reason="nmpc failed: late") == first
-    told(actual_mode="hold", actual_controller="", reason="decentral failed: jump")
-    assert told(actual_controller="other", reason="decentral failed: jump") == first.replace("decentral", "other")
+    late, jump = controller(inhibited=True, why="late"), controller("decentral", inhibited=True, why="jump")
+    assert told(actual_controller="decentral", controllers=[late]) == first
+    told(actual_mode="hold", actual_controller="", controllers=[late, jump])
+    others = {"actual_controller": "other", "controllers": [controller(why="2 of 5 good proposals in a row"), jump]}
+    assert told(**others) == first.replace("decentral", "other")
     assert told() is None
 
 
 def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that_the_other_is_there(rules):
-    waiting = controller(ready=False, reason="nmpc: 3 of 5 good proposals in a row")
+    waiting = controller(ready=False, why="3 of 5 good proposals in a row")
     begun = state(actual_controller="decentral", reason="decentral is configured", controllers=[waiting])
     found = rules.present(situation(state=begun), 0.0)
     assert found["failover"].text == "decentral commands in place of nmpc: 3 of 5 good proposals in a row"
@@ -188,9 +190,8 @@ def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
     assert told(33.0, **waits) == late
     assert told(40.0) == told(42.0) == late, "until it is acknowledged"
     listed.acknowledge(["failover"], "Anna")
-    assert told(43.0, actual_controller="other", reason="nmpc failed: late") == [
-        "other commands in place of nmpc: late"
-    ]
+    late = controller(inhibited=True, why="late")
+    assert told(43.0, actual_controller="other", controllers=[late]) == ["other commands in place of nmpc: late"]
 
 
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
@@ -278,25 +279,10 @@ def test_whether_commands_reach_the_machine_is_told(rules):
     assert reach(command_age_s=1.0)["text"] == "No commands from the supervisor"
 
 
-@pytest.mark.parametrize(
-    ("reason", "told"),
-    [
-        ("nmpc is inhibited", "no reason is told"),
-        ("nmpc is inhibited: no proposal at the deadline", "no proposal at the deadline"),
-        ("nmpc is inhibited: nmpc is inhibited: jump", "jump"),
-        ("nmpc is not ready: 3 of 5 good proposals in a row", "3 of 5 good proposals in a row"),
-        ("controller nmpc is unknown", "is unknown"),
-        ("nmpc has left the graph", "has left the graph"),
-        ("", "no reason is told"),
-    ],
-)
-def test_no_text_goes_in_a_circle(rules, reason, told):
-    assert because(reason, "nmpc") == told
-    inhibited = state(controllers=[controller(inhibited=True, reason=reason)])
-    assert (
-        rules.present(situation(state=inhibited), 0.0)["controller:nmpc"].text
-        == f"Controller nmpc is inhibited: {told}"
-    )
+def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
+    inhibited = state(controllers=[controller(inhibited=True)])
+    text = rules.present(situation(state=inhibited), 0.0)["controller:nmpc"].text
+    assert text == "Controller nmpc is inhibited: no reason is told"
 
 
 @pytest.mark.parametrize("name", ["näme", "a" * 300, "tab\there", "\udcff\ud800", "", "{why}", "x:warn:trip", "\n"])
@@ -304,7 +290,7 @@ def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
     odd = state(
         **dict.fromkeys(("reason", "actual_controller"), name),
         interlocks=[name],
-        controllers=[controller(name, ready=False, reason=name)],
+        controllers=[controller(name, ready=False, why=name)],
     )
     found = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)
     assert len(found) >= 3

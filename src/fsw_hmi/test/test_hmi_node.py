@@ -432,7 +432,10 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
     wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
     odd = ["näme/x", "a b", "1st", "x" * 300, "ends_", "", "{why}", "tab\t"]
-    health = [ControllerHealth(name=name, reason=f"{name} is inhibited", latched_out=True) for name in odd * 10]
+    health = [
+        ControllerHealth(name=name, lack=ControllerHealth.INHIBITED, detail=f"{name} is late", latched_out=True)
+        for name in odd * 10
+    ]
     graph.states.publish(
         SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
     )

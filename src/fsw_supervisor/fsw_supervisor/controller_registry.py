@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from fsw_control.contract import BUILT_IN_SOURCES, SENSORS
 from fsw_control.fence import UNKNOWN
 from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.readiness import Lack, Readiness
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
@@ -95,28 +96,36 @@ class ControllerRegistry:
         present = [record for record in self if record.present]
         return bool(present) and all(record.status_seen for record in present)
 
-    def why_not_ready(self, name: str) -> str:
-        """Why controller ``name`` may not be selected now, in words; empty when it may."""
+    def readiness(self, name: str) -> Readiness:
+        """What controller ``name`` lacks to be selected now."""
         record, settings = self.get(name), self._machine.settings
         if record is None:
-            return f"controller {name} is unknown"
+            return Readiness(Lack.UNKNOWN)
         if record.inhibited:
-            return f"{_inhibited(name)}{record.inhibited}"
+            return Readiness(Lack.INHIBITED, record.inhibited)
         if record.conflicts >= settings.duplicate_ticks:
-            return f"{name} is ambiguous: two controllers of this name propose"
+            return Readiness(Lack.AMBIGUOUS)
         if record.problem:
-            return f"{name} is not usable: {record.problem}"
+            return Readiness(Lack.UNUSABLE, record.problem)
         if not record.present and not record.consecutive_good:
-            return f"{name} has left the graph"
+            return Readiness(Lack.LEFT)
         if record.consecutive_good < settings.warm_ticks:
-            return f"{name} is not ready: {record.consecutive_good} of {settings.warm_ticks} good proposals in a row"
-        return self.blind(name)
+            return Readiness(Lack.WARMING, f"{record.consecutive_good} of {settings.warm_ticks}")
+        return self.sight(name)
+
+    def why_not_ready(self, name: str) -> str:
+        """Why controller ``name`` may not be selected now, in words; empty when it may."""
+        return self.readiness(name).words(name)
+
+    def sight(self, name: str) -> Readiness:
+        """Whether controller ``name`` requires a sensor that is invalid."""
+        tolerated = self._records[name].tolerated_sensors
+        needed = tuple(sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated)
+        return Readiness(Lack.BLIND, sensors=needed) if needed else Readiness()
 
     def blind(self, name: str) -> str:
-        """Which invalid sensor controller ``name`` needs, in words; empty when there is none."""
-        tolerated = self._records[name].tolerated_sensors
-        needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
-        return f"{name} requires the sensor {', '.join(needed)}" if needed else ""
+        """Which invalid sensor controller ``name`` requires, in words; empty when there is none."""
+        return self.sight(name).words(name)
 
     def all_ready(self) -> frozenset[str]:
         """Controllers that may be selected now."""
@@ -154,9 +163,9 @@ class ControllerRegistry:
         return record is not None
 
     def mirror_inhibitions(self, reasons: Mapping[str, str]) -> None:
-        """Inhibit exactly those that another supervisor has inhibited, for its reasons (as ``why_not_ready`` says)."""
+        """Inhibit exactly those that another supervisor has inhibited, for its reasons."""
         for record in self:
-            record.inhibited = reasons.get(record.name, "").removeprefix(_inhibited(record.name))
+            record.inhibited = reasons.get(record.name, "")
 
     def readmit_all(self, who: str) -> None:
         """Readmit all inhibited controllers."""
@@ -289,7 +298,3 @@ class ControllerRegistry:
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
             record.inhibited = ""
             machine.log(Level.INFO, record.name, f"controller {record.name} is readmitted after good shadow ticks")
-
-
-def _inhibited(name: str) -> str:
-    return f"{name} is inhibited: "

@@ -36,7 +36,7 @@ def command(decision: Decision, signature: Signature) -> WeldCommand:
 
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
     """Health of a controller."""
-    latencies_s = record.latencies_s or (0.0,)
+    latencies_s, readiness = record.latencies_s or (0.0,), arbiter.registry.readiness(record.name)
     mean_s = fmean(latencies_s)
     return ControllerHealth(
         name=record.name,
@@ -44,7 +44,9 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
         warm=record.consecutive_good >= arbiter.settings.warm_ticks,
         latched_out=bool(record.inhibited),
         tolerated_sensors=list(record.tolerated_sensors),
-        reason=arbiter.registry.why_not_ready(record.name),
+        lack=readiness.lack,
+        detail=readiness.detail,
+        missing_sensors=list(readiness.sensors),
         consecutive_good=record.consecutive_good,
         missed=record.missed,
         late=record.late,
@@ -153,8 +155,9 @@ def _controller_status(
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
-    level = WARN if known.reason else OK
-    text = known.reason or ("active" if record.name == arbiter.machine.active else "ready")
+    lacks = arbiter.registry.why_not_ready(record.name)
+    level = WARN if lacks else OK
+    text = lacks or ("active" if record.name == arbiter.machine.active else "ready")
     if not arbiter.lockstep and p99_s >= limits[0]:
         level = ERROR if p99_s >= limits[1] else WARN
         text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"

@@ -130,7 +130,7 @@ class SupervisorNode(LightNode, Node):
 
     def _on_leader_state(self, message: SupervisorState) -> None:
         if self._failover.on_leader_state(convert.signature(message)):
-            inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
+            inhibited = {item.name: item.detail for item in message.controllers if item.latched_out}
             cause = Cause(message.cause)
             actual = Standing(message.actual_mode, message.actual_controller, cause, message.reason, message.who)
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)

@@ -423,5 +423,5 @@ def test_a_standby_inhibits_exactly_those_that_the_leader_has_inhibited(counted)
     assert counted.record.inhibited == ""
     assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
     for _ in range(2):  # one takes over from the other again and again
-        counted.registry.mirror_inhibitions({"b": counted.registry.why_not_ready("b")})
+        counted.registry.mirror_inhibitions({"b": counted.registry.readiness("b").detail})
     assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"

@@ -1,0 +1,55 @@
+"""Whether a controller may be selected, and what it lacks."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class Lack(IntEnum):
+    """What keeps a controller from being selected; numbered as in ``ControllerHealth.msg``."""
+
+    NONE = 0
+    UNKNOWN = 1
+    INHIBITED = 2
+    AMBIGUOUS = 3
+    UNUSABLE = 4
+    LEFT = 5
+    WARMING = 6
+    BLIND = 7
+
+    @classmethod
+    def _missing_(cls, value: object) -> Lack:
+        return cls.UNUSABLE
+
+
+#: what is said of the controller, and why
+_WORDS = {
+    Lack.UNKNOWN: ("", "is unknown"),
+    Lack.INHIBITED: ("is inhibited: ", "{detail}"),
+    Lack.AMBIGUOUS: ("is ambiguous: ", "two controllers of this name propose"),
+    Lack.UNUSABLE: ("is not usable: ", "{detail}"),
+    Lack.LEFT: ("", "has left the graph"),
+    Lack.WARMING: ("is not ready: ", "{detail} good proposals in a row"),
+    Lack.BLIND: ("", "requires the sensor {sensors}"),
+}
+
+
+class Readiness(NamedTuple):
+    """What a controller lacks: nothing, if it may be selected."""
+
+    lack: Lack = Lack.NONE
+    #: of the inhibited and the unusable why, of those that warm up how far
+    detail: str = ""
+    sensors: tuple[str, ...] = ()  #: that a blind one requires
+
+    @property
+    def why(self) -> str:
+        """What it lacks, in words without its name; empty if it lacks nothing."""
+        if self.lack is Lack.NONE:
+            return ""
+        return _WORDS[self.lack][1].format(detail=self.detail, sensors=", ".join(self.sensors))
+
+    def words(self, name: str) -> str:
+        """What ``name`` lacks; empty if it lacks nothing."""
+        return "" if self.lack is Lack.NONE else f"{name} {_WORDS[self.lack][0]}{self.why}"

@@ -1,0 +1,51 @@
+"""What a controller lacks, in words, and as the messages number it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from fsw_control.cause import Cause
+from fsw_control.readiness import Lack, Readiness
+
+MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
+
+
+@pytest.mark.parametrize(
+    ("given", "why", "words"),
+    [
+        (Readiness(), "", ""),
+        (Readiness(Lack.UNKNOWN), "is unknown", "nmpc is unknown"),
+        (Readiness(Lack.INHIBITED, "late"), "late", "nmpc is inhibited: late"),
+        (Readiness(Lack.UNUSABLE, "late"), "late", "nmpc is not usable: late"),
+        (Readiness(Lack.BLIND, sensors=("depth", "torque")), "requires the sensor depth, torque", None),
+        (Readiness(Lack.INHIBITED, "{detail} {0}"), "{detail} {0}", "nmpc is inhibited: {detail} {0}"),
+    ],
+)
+def test_words(given: Readiness, why: str, words: str | None) -> None:
+    assert given.why == why
+    assert given.words("nmpc") == (words if words is not None else f"nmpc {why}")
+
+
+@pytest.mark.parametrize("kind", list(Lack))
+def test_every_lack_has_words(kind: Lack) -> None:
+    assert bool(Readiness(kind, "x").words("nmpc")) == (kind is not Lack.NONE)
+
+
+@pytest.mark.parametrize("kind", list(Cause))
+def test_every_cause_has_words(kind: Cause) -> None:
+    assert kind.words
+
+
+@pytest.mark.parametrize(("message", "kind"), [("SupervisorState", Cause), ("ControllerHealth", Lack)])
+def test_the_messages_number_them_alike(message: str, kind: type[Cause] | type[Lack]) -> None:
+    text = (MESSAGES / f"{message}.msg").read_text(encoding="utf-8")
+    told = {name: int(value) for name, value in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)}
+    assert told == {one.name: one.value for one in kind}
+
+
+def test_what_this_version_does_not_know_is_no_request_and_not_ready() -> None:
+    unknown = Cause(77)
+    assert not unknown.on_request and not unknown.at_start and Lack(77) is not Lack.NONE
