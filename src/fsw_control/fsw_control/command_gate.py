@@ -25,6 +25,7 @@ class CommandGate:
         self.configure(limits, max_age_s, sources)
         #: commands refused for each of ``REASONS``, and of the node's own ``more_reasons``
         self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
+        self.last_reason = ""  #: of the last refusal
         self.last_refusal = ""  #: in words
         self.last_stamp_ns: int | None = None  #: of the last measurement that was answered
 
@@ -49,7 +50,7 @@ class CommandGate:
     def refuse(self, reason: str, words: str) -> None:
         """Count a command that is refused."""
         self.refused[reason] += 1
-        self.last_refusal = f"{reason}: {words}"
+        self.last_reason, self.last_refusal = reason, f"{reason}: {words}"
 
     def _refusal(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None

@@ -175,7 +175,7 @@ class MachineNode(ManagedNode):
             self._link.write(order)
         elif gateway.gate.total() > refused:
             self._writers.note_refused(message.leader)
-            reason = gateway.gate.last_refusal.partition(":")[0]
+            reason = gateway.gate.last_reason
             if reason != self._refused:
                 self.get_logger().warning(f"command refused: {gateway.gate.last_refusal}")
             self._refused = reason
