@@ -35,7 +35,7 @@ from fsw_quality.diagnosis import Limits, load_limits
 from fsw_quality.monitor import PROCESSES, Monitor
 from fsw_quality.monitor_run import watch
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all
+from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
 
 WORKSPACE = Path(__file__).resolve().parent.parent
@@ -82,7 +82,7 @@ CANISTER = {
 MODEL = ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction")
 
 
-def scenario(process, seed, events, factors, correlation_s):
+def scenario(process, seed, events, factors, correlation_s, controller):
     """A weld of eight minutes: random steps of the set-points, a plant near its model, an unsteady torque."""
     random = np.random.default_rng([seed, PROCESSES.index(process)])
     plant = {"seed": seed, **(CANISTER if process == "canister" else {})}
@@ -106,6 +106,7 @@ def scenario(process, seed, events, factors, correlation_s):
     content = {
         "name": "monitor",
         "duration_s": DURATION_S,
+        "controller": controller,
         "plant": plant,
         "events": sorted([*found, *events], key=lambda one: one["at_s"]),
     }
@@ -206,7 +207,7 @@ def weld(process, case, seed, correlation_s, limits):
     """One weld, watched; its row."""
     events, act, factors, kinds = CASES.get(case, ((), None, {}, ()))
     label = CONTROLLERS[seed % len(CONTROLLERS)]
-    made = scenario(process, seed, events, factors, correlation_s)
+    made = scenario(process, seed, events, factors, correlation_s, name_of(label))
     loop = ClosedLoop(made, make_all(made, label, {}))
     if act is not None:
         step = loop.plant.step

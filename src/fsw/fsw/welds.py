@@ -215,6 +215,7 @@ def simulate(
     parameters: Mapping[str, Any] | None = None,
     changes: Mapping[str, Any] | None = None,
     noise: bool | None = None,
+    label: str | None = None,
     progress: Progress | None = None,
 ) -> Weld:
     """Weld a scenario in this process: emulated plant and controllers, at full speed.
@@ -234,13 +235,15 @@ def simulate(
         Other values of the scenario by path, e.g. ``{"events[0].at_s": 10}``.
     noise : bool, optional
         Whether sensors have noise and resolution.
+    label : str, optional
+        Name of the weld in tables and legends; the controller's by default.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
     Raises
     ------
     fsw_schema.models.InputError
-        When something of this is not there or out of range.
+        When something of this is not there or out of range, or the controller proposed nothing that could be applied.
     fsw_model.OperatingPointError
         When the plant has no equilibrium to start from.
 
@@ -256,8 +259,8 @@ def simulate(
     own = {} if parameters is None or not isinstance(controller, str) else {name_of(controller): parameters}
     if parameters and not own:
         raise InputError("simulate: parameters are for a controller that is given by its name")
-    label, loop = closed_loop(scenario, controller, overrides_of(plant, changes, noise), own)
-    return Weld(label, loop.run(progress))
+    name, loop = closed_loop(scenario, controller, overrides_of(plant, changes, noise), own)
+    return Weld(label or name, loop.run(progress))
 
 
 def overrides_of(plant: Mapping[str, Any] | None, changes: Mapping[str, Any] | None, noise: bool | None) -> list[str]:
@@ -312,6 +315,8 @@ def closed_loop(
 def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tuple(OURS), **options: Any) -> Comparison:
     """Weld a scenario with each of several controllers; ``options`` are those of :func:`simulate`.
 
+    Of controllers with the same label all but the first get a number.
+
     Examples
     --------
     >>> import fsw
@@ -321,8 +326,15 @@ def compare(scenario: str | Path, controllers: Sequence[str | Controller] = tupl
     """
     if not controllers:
         raise InputError(f"compare: controllers is a list of at least one, not {controllers!r}")
-    welds = [simulate(scenario, controller, **options) for controller in controllers]
-    return Comparison({weld.label: weld for weld in welds})
+    found = Comparison()
+    for controller in controllers:
+        weld = simulate(scenario, controller, **options)
+        label, number = weld.label, 1
+        while weld.label in found:
+            number += 1
+            weld.label = f"{label} ({number})"
+        found[weld.label] = weld
+    return found
 
 
 @checked

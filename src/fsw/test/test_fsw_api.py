@@ -165,13 +165,45 @@ def test_a_signal_that_is_not_there_and_an_extra_that_is_missing_are_named(monke
             convert()
 
 
-def test_a_controller_without_command_leads_to_a_hold():
-    class Nothing(fsw.Controller):
-        name = "nothing"
+class Nothing(fsw.Controller):
+    name = "nothing"
 
-    weld = fsw.simulate("quick", Nothing())
-    assert set(weld["command_source"]) == {"hold"}
-    assert "needs a method 'command'" in weld["nothing_proposal_reason"][0]
+
+class Silent(Nothing):
+    def command(self, *_):
+        return None
+
+
+class Blank(Nothing):
+    def command(self, *_):
+        return fsw.Command(float("nan"), 400.0)
+
+
+class Late(Nothing):
+    def command(self, measurement, reference, applied):
+        if measurement.time_s < 10.0:
+            raise ValueError("not yet")
+        return applied
+
+
+@pytest.mark.parametrize(
+    ("controller", "why"), [(Nothing, "needs a method 'command'"), (Silent, "NoneType"), (Blank, "command is")]
+)
+def test_a_controller_that_never_proposes_a_command_has_no_figures(controller, why):
+    with pytest.raises(InputError, match=f"quick: nothing proposed nothing usable at any of 600 ticks: .*{why}"):
+        fsw.simulate("quick", controller())
+
+
+def test_the_last_command_is_held_while_a_controller_proposes_none():
+    weld = fsw.simulate("quick", Late())
+    assert set(weld["command_source"][:90]) == {"hold"} and set(weld["command_source"][110:]) == {"nothing"}
+
+
+def test_welds_of_equal_labels_are_kept_apart():
+    both = fsw.compare("quick", [Late(), Late(), "decentral"])
+    assert list(both) == ["nothing", "nothing (2)", "decentral"]
+    assert [one["label"] for one in both.kpi] == list(both)
+    assert fsw.simulate("quick", label="mine").label == "mine"
 
 
 def test_discrete_form_follows_the_process():

@@ -143,7 +143,8 @@ class ClosedLoop:
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return the same signals as a bag of the weld.
 
-        ``progress`` is called now and then with the share done, 0 to 1.
+        ``progress`` is called now and then with the share done, 0 to 1. InputError with the reason at the first tick
+        if the controller that was selected proposed nothing that could be applied: figures of a held command are none.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
         programme, swaps = _Programme(scenario), deque(switches(scenario).items())
@@ -189,6 +190,9 @@ class ClosedLoop:
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
                 progress(passed / scenario.n_ticks)
+        if ticks and not any(row.answers[first][0].healthy for row in ticks):
+            why = ticks[0].answers[first][0].reason
+            raise InputError(f"{scenario.name}: {first} proposed nothing usable at any of {len(ticks)} ticks: {why}")
         return self._signals(ticks)
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:

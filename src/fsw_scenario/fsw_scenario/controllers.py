@@ -178,8 +178,10 @@ def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
 def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
     """Make the controllers of a scenario by name, with their parameters; the one in ``label`` in its variant.
 
-    Errors as :func:`make`.
+    Errors as :func:`make`, and InputError for a ``label`` that is no controller of the scenario.
     """
     name = "" if scenario.open_loop else name_of(label)
+    if name and name not in scenario.controllers:
+        raise InputError(f"{scenario.name}: {name} is none of its controllers, {', '.join(scenario.controllers)}")
     variants = {other: label if other == name else other for other in scenario.controllers}
     return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}
