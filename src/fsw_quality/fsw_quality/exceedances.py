@@ -64,13 +64,18 @@ def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
     return [one for check in procedure.checks() for one in _exceedances(course, check)]
 
 
+def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
+    """At which ticks a check holds: in its phases, and where the phase is not known."""
+    if not check.phases:
+        return np.ones(course.time_s.size, bool)
+    return np.isin(course.phase.astype(str), [*check.phases, ""])
+
+
 def _exceedances(course: Course, check: Check) -> list[Exceedance]:
-    """Of one check, which holds in its phases and where the phase is not known."""
     values = course.values[check.variable]
     excess = beyond(values, check.min, check.max)
-    holds = np.isin(course.phase.astype(str), [*check.phases, ""]) if check.phases else np.ones(values.size, bool)
     found = []
-    for run in runs(~(excess == 0.0) & holds):
+    for run in runs(~(excess == 0.0) & holds(course, check)):
         missing = ~np.isfinite(excess[run])
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
         found.append(

@@ -205,6 +205,10 @@ class Acceptance(Sourced):
 
     tolerated_s: Annotated[float, Range(0.0, 10.0, "s")]
     """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
+    tolerated_share: Annotated[float, Range(0.0, 1.0, "")] = 0.01
+    """outside a quality limit for a larger share of the time that it holds: review, however short each time (chosen)"""
+    tolerated_mm: Annotated[float, Range(0.0, 1e5, "mm")] | None = None
+    """outside a quality limit over more of the weld, all places together: review; left out: not judged"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
 

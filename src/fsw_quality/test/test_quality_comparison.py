@@ -38,7 +38,7 @@ def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path:
     rejected = record(90, 2.0)
     assert rejected.verdict == "reject"
     others = [record(number, 0.001 * number) for number in range(MOST + 2)]
-    foreign = record(91, procedure=short_procedure(revision="B"))
+    foreign = record(91, procedure=short_procedure(revision="other"))
     keep(tmp_path, *others, rejected, foreign, record(99))
     found = accepted_before(tmp_path, record(99))
     assert len(found) == MOST and {one.bag for one in found} <= {one.bag for one in others}

@@ -33,7 +33,7 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
         ("essential.0.max", 890.0, "essential[0] is impossible: set-points from 800 to 900 are permitted outside it"),
         ("essential.0.phases", ["lid"], "names phase lid, which is not one of dwell"),
         ("essential.0.variable", "colour", "essential[0].variable is 'colour'; one of depth_mm"),
-        ("set_points.depth_mm.value", 9.0, "set_points.depth_mm is impossible: min 1.5, value 9, max 3.4 must ascend"),
+        ("set_points.depth_mm.value", 9.0, "set_points.depth_mm is impossible: min 1.7, value 9, max 3.4 must ascend"),
         ("set_points.depth_mm.max", 5.0, "set_points.depth_mm.max = 5 is outside 1.5 to 4 mm"),
         ("phases.2.to_deg", 5.0, "phases do not ascend in to_deg"),
         ("phases.1.name", "dwell", "phases names dwell twice"),

@@ -63,7 +63,7 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
     try:
         cell.told("decentral has parameters")  # the tuning is not the one that is permitted
         cell.references.publish(WeldReference(depth=0.0035, temperature=816.4))
-        cell.told("set-point depth_mm 3.5 is in force; permitted: 1.5 to 3.4")
+        cell.told("set-point depth_mm 3.5 is in force; permitted: 1.7 to 3.4")
         cell.references.publish(WeldReference(depth=0.0026, temperature=816.4))
         cell.until(lambda: "set-point" not in cell.text, "the set-point to be back")
         cell.states.publish(SupervisorState(actual_controller="decentral", actual_mode="auto", cause=Cause.READY))

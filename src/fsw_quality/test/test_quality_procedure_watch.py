@@ -33,7 +33,7 @@ def test_the_shipped_procedure_changes_no_default() -> None:
     for node, file in (("fsw_supervisor", "supervisor.yaml"), ("fsw_hmi", "hmi.yaml")):
         default = defaults(load(node, file))
         assert found[node] == {name: default[name] for name in found[node]}
-    assert len(found["fsw_supervisor"]) == 6 * 2 + 4 and len(found["fsw_hmi"]) == 3
+    assert len(found["fsw_supervisor"]) == 7 * 2 + 4 and len(found["fsw_hmi"]) == 3
 
 
 def test_limits_follow_the_procedure() -> None:
@@ -91,7 +91,7 @@ def watch() -> ProcedureWatch:
 def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) -> None:
     watch.set_points(3.45, 905.0)
     assert watch.deviations == {
-        "set_point_depth_mm": "set-point depth_mm 3.45 is in force; permitted: 1.5 to 3.4",
+        "set_point_depth_mm": "set-point depth_mm 3.45 is in force; permitted: 1.7 to 3.4",
         "set_point_temperature_c": "set-point temperature_c 905 is in force; permitted: 800 to 900",
     }
     watch.set_points(3.4, 800.0)

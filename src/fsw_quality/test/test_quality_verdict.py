@@ -263,6 +263,35 @@ def test_a_swap_on_request_is_as_the_procedure_says() -> None:
     assert judged(weld, short_procedure(acceptance=strict)).deciding.name == "swaps"
 
 
+@pytest.mark.parametrize(
+    ("changes", "verdict"),
+    [
+        ({}, Verdict.REVIEW),
+        ({"tolerated_share": 1.0}, Verdict.ACCEPT),
+        ({"tolerated_share": 1.0, "tolerated_mm": 1.0}, Verdict.REVIEW),
+    ],
+)
+def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict: Verdict) -> None:
+    """Each no longer than tolerated: they were accepted, though the depth was off for most of the weld."""
+    weld = good_weld()
+    weld.depth_mm[DWELL + np.flatnonzero(np.arange(TICKS - DWELL) % 4 != 3)] += 0.108
+    procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
+    record = judged(weld, procedure)
+    rule = next(one for one in record.rules if one.name == "quality" and one.words.startswith("depth_error"))
+    assert record.verdict is rule.verdict is verdict
+    assert "longest 0.3 s" in rule.figure and " mm" in rule.figure
+
+
+@pytest.mark.parametrize(("lasts_s", "complete"), [(0.957, True), (0.93, False)])
+def test_a_dwell_on_a_real_clock_may_lack_half_a_tick(lasts_s: float, complete: bool) -> None:
+    weld = good_weld()
+    weld.time_s *= lasts_s
+    weld.events[:] = [replace(one, time_s=one.time_s * lasts_s) for one in weld.events]
+    weld.phases[:] = [(name, begin_s * lasts_s) for name, begin_s in weld.phases]
+    rule = next(one for one in judged(weld).rules if one.name == "complete")
+    assert ("dwell lasts" not in rule.figure) == complete
+
+
 def test_where_an_exceedance_was() -> None:
     weld = good_weld()
     weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]

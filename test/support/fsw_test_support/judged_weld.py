@@ -25,6 +25,7 @@ def short_procedure(**changes: Any) -> Procedure:
         {"name": "dwell", "duration_s": 1.0, "source": source},
         {"name": "joint_line", "to_deg": 1.0, "source": source},
     ]
+    values["acceptance"]["tolerated_share"] = 0.1  # of few ticks
     return Procedure.model_validate(values | changes)
 
 
