@@ -40,7 +40,8 @@ class Course:
     source: TextArray
     mode: TextArray
     values: dict[str, FloatArray]
-    gaps: list[tuple[float, float]]  #: begin and length [s] of what is missing on all topics
+    put_in: npt.NDArray[np.bool_]  #: ticks that are missing on all topics
+    gaps: list[tuple[float, float]]  #: begin and length [s] of each run of those
     end: str  #: how the programme ended: ``done``, ``aborted``, or empty: not on record
 
     @property
@@ -109,8 +110,9 @@ def course_of(signals: WeldSignals) -> Course:
         texts(signals.command_source),
         texts(signals.actual_mode),
         {name: numbers(one) for name, one in values.items()},
+        np.concatenate([np.zeros(known_s.size, bool), np.ones(put_in.size, bool)])[order],
         gaps,
-        over[-1].text.removeprefix("weld ") if over else "",
+        over[-1].subject if over else "",
     )
 
 

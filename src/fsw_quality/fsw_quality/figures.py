@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,8 @@ from matplotlib.patches import Patch
 from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import png
 from fsw_quality.course import Course
-from fsw_quality.exceedances import Exceedance
 from fsw_quality.procedure import Kind, Procedure
+from fsw_quality.record import Record
 
 _PANELS = {
     "depth_mm": "depth [mm]",
@@ -74,8 +73,9 @@ def _limits(axis: Axes, name: str, course: Course, procedure: Procedure) -> None
                 axis.axhline(value, **_LIMIT)
 
 
-def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) -> bytes | None:
-    """The joint line unrolled, a row per limit, with every exceedance at its place, as PNG; None without angles."""
+def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | None:
+    """The joint line unrolled, a row per limit, with exceedances and gaps in place, as PNG; None without angles."""
+    found = record.exceedances
     known = course.angle_deg[np.isfinite(course.angle_deg)]
     if not known.size:
         return None
@@ -91,6 +91,10 @@ def unrolled(course: Course, procedure: Procedure, found: Sequence[Exceedance]) 
             width = max(stop - begin, _LEAST_WIDTH * end)
             style = _MISSING if one.missing == one.samples else _MARKS[one.kind]
             axis.barh(rows.index(one.limit), width, left=begin, height=0.7, linewidth=0.6, **style)
+        for gap in record.gaps:
+            if gap.angle_deg is not None:
+                begin, stop = gap.angle_deg
+                axis.axvspan(begin, max(stop, begin + _LEAST_WIDTH * end), **_MISSING)
         for name, ticks in course.spans():
             angles = course.angle_deg[ticks][np.isfinite(course.angle_deg[ticks])]
             if name and angles.size:

@@ -22,7 +22,7 @@ from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.comparison import Comparison
 from fsw_quality.course import Course, course_of, unusable_samples
-from fsw_quality.exceedances import Exceedance, Rounded, beyond, exceedances
+from fsw_quality.exceedances import Exceedance, Pair, Rounded, beyond, exceedances
 from fsw_quality.procedure import Identity, Procedure
 from fsw_quality.procedure_watch import tuning_sha256
 from fsw_quality.verdict import Evidence, Rule, Verdict, decide, judge
@@ -115,10 +115,12 @@ class Event(Model):
 
 
 class Gap(Model):
-    """Ticks that are missing on all topics."""
+    """Ticks that are missing on all topics, and where the tool was before and after."""
 
     begin_s: Rounded
     duration_s: Rounded
+    angle_deg: Pair | None = None
+    travel_mm: Pair | None = None
 
 
 def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
@@ -270,12 +272,29 @@ def assemble(
         exceedances=tuple(found),
         missing=course.missing,
         unusable=evidence.unusable,
-        gaps=tuple(Gap(begin_s=begin, duration_s=length) for begin, length in course.gaps),
+        gaps=tuple(_gap(course, begin_s, duration_s) for begin_s, duration_s in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
         events=tuple(_events(signals, course)),
         phases=tuple(_phase(course, procedure, name, ticks) for name, ticks in phases),
     )
     return record, course
+
+
+def _gap(course: Course, begin_s: float, duration_s: float) -> Gap:
+    before, after = course.time_s < begin_s - 1e-6, course.time_s > begin_s + duration_s - 1e-6
+
+    def place(values: FloatArray) -> tuple[float, float] | None:
+        known = np.isfinite(values)
+        if not (known & before).any() or not (known & after).any():
+            return None
+        return float(values[known & before][-1]), float(values[known & after][0])
+
+    return Gap(
+        begin_s=begin_s,
+        duration_s=duration_s,
+        angle_deg=place(course.angle_deg),
+        travel_mm=place(course.travel_mm),
+    )
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:

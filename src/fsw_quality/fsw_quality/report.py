@@ -15,8 +15,6 @@ from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
 from fsw_schema.files import write_whole
 
-#: exceedances and events in the page; the JSON has all
-MOST_ROWS = 60
 #: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
 _BEGIN_MM = 25.0
 JSON, PAGE, PDF = "record.json", "record.html", "record.pdf"
@@ -35,9 +33,9 @@ def files() -> tuple[str, ...]:
 def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
     """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``quality``."""
     images = {"traces": source(figures.traces(course, procedure))}
-    if (drawn := figures.unrolled(course, procedure, record.exceedances)) is not None:
+    if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)
-    body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images, most=MOST_ROWS)
+    body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images)
     title = f"Weld {record.bag}"
     whole = {
         JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",

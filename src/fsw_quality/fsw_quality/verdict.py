@@ -75,12 +75,12 @@ def decide(rules: Sequence[Rule]) -> tuple[Verdict, Rule]:
 def judge(
     course: Course, procedure: Procedure, found: Sequence[Exceedance], events: Sequence[WeldEvent], evidence: Evidence
 ) -> list[Rule]:
-    """All rules, in the order of the record."""
+    """All rules, in the order of the record: first what says whether the others can be judged."""
     return [
+        _complete(course, procedure),
+        _recording(course, procedure, evidence),
         *_limits(course, procedure, found),
         *_welded_by(procedure, events),
-        _complete(course, procedure),
-        _recording(course, evidence),
         *_sensors(course, procedure, evidence),
         *_controllers(course, procedure, evidence),
         _swaps(procedure, events, evidence),
@@ -167,16 +167,18 @@ def _complete(course: Course, procedure: Procedure) -> Rule:
     return _rule("complete", f"phases {', '.join(wanted)}", "; ".join(faults) or "all", bool(faults), Verdict.REJECT)
 
 
-def _recording(course: Course, evidence: Evidence) -> Rule:
+def _recording(course: Course, procedure: Procedure, evidence: Evidence) -> Rule:
+    """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
     faults = [*evidence.problems]
     if evidence.lost is None:
         faults.append("whether messages were lost is not on record")
     elif evidence.lost:
         faults.append(f"{evidence.lost} messages lost")
+    longest = max((length for _, length in course.gaps), default=0.0)
     if course.gaps:
-        longest = max(length for _, length in course.gaps)
         faults.append(f"{len(course.gaps)} gaps, longest {longest:.1f} s")
-    return _rule("recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults))
+    worst = Verdict.REJECT if longest > procedure.acceptance.tolerated_s + 1e-6 else Verdict.REVIEW
+    return _rule("recording", "bag intact, without gaps", "; ".join(faults) or "intact", bool(faults), worst)
 
 
 def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterator[Rule]:

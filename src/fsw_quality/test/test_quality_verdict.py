@@ -292,6 +292,37 @@ def test_a_dwell_on_a_real_clock_may_lack_half_a_tick(lasts_s: float, complete: 
     assert ("dwell lasts" not in rule.figure) == complete
 
 
+def cut(weld: WeldSignals, begin: int, end: int) -> WeldSignals:
+    """The weld without some ticks, on all topics."""
+    kept = np.r_[0:begin, end:TICKS]
+    changed = {
+        name: value[kept]
+        for name in weld.__slots__
+        if isinstance(value := getattr(weld, name), np.ndarray) and value.shape == (TICKS,)
+    }
+    drives = weld.drives
+    assert drives is not None
+    return replace(weld, **changed, drives=DriveSignals(drives.force_kn[kept], drives.speed_rpm[kept]))
+
+
+@pytest.mark.parametrize(("ticks", "verdict"), [(3, Verdict.REVIEW), (8, Verdict.REJECT)])
+def test_a_gap_is_told_once_with_its_place(ticks: int, verdict: Verdict) -> None:
+    record = judged(cut(good_weld(), 30, 30 + ticks))
+    assert (record.verdict, record.deciding.name) == (verdict, "recording")
+    assert record.exceedances == () and record.missing["depth_mm"] == ticks
+    [gap] = record.gaps
+    assert (gap.begin_s, gap.duration_s) == pytest.approx((3.1, 0.1 * ticks))
+    assert gap.angle_deg == pytest.approx((0.40, 0.42 + 0.02 * ticks))
+    assert gap.travel_mm == pytest.approx((4.0, 4.2 + 0.2 * ticks), abs=0.05)
+
+
+def test_what_ends_a_weld_decides_before_what_its_gaps_hide() -> None:
+    weld = cut(good_weld(), 30, 40)
+    weld.events[-1] = WeldEvent(6.0, "weld", "aborted")
+    record = judged(weld)
+    assert record.deciding.name == "complete" and "the weld was aborted" in record.deciding.figure
+
+
 def test_where_an_exceedance_was() -> None:
     weld = good_weld()
     weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]
