@@ -285,7 +285,7 @@ class AlarmRules:
         low, high = map(self._setting, QUALITY_TEMPERATURE)
         outside = self._is_outside("quality_temperature", now.value("temperature_c"), low, high, _BACK_C)
         if outside and not any(name.startswith("interlock:temperature") for name in found):
-            found["quality_temperature"] = self._lasting(alarm("quality"), "quality_persistence_s")
+            found["quality_temperature"] = self._lasting(alarm("quality", low=low, high=high), "quality_persistence_s")
 
     def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""

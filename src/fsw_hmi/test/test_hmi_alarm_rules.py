@@ -279,6 +279,13 @@ def test_whether_commands_reach_the_machine_is_told(rules):
     assert reach(command_age_s=1.0)["text"] == "No commands from the supervisor"
 
 
+def test_the_process_window_is_told_as_it_is_in_force():
+    narrow = SETTINGS | {"quality_temperature_min_c": 805.0, "quality_temperature_max_c": 870.0}
+    values = {"temperature_c": 871.0, "reference_temperature_c": 871.0}
+    found = AlarmRules(narrow.__getitem__).present(situation(values), 0.0)
+    assert found["quality_temperature"].text == "Temperature outside 805 to 870 °C"
+
+
 def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
     inhibited = state(controllers=[controller(inhibited=True)])
     text = rules.present(situation(state=inhibited), 0.0)["controller:nmpc"].text
