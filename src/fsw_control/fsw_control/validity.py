@@ -188,7 +188,7 @@ class SensorValidity:
             self._agreeing = 0
         bridged = self._valid and flaw not in (Flaw.FROZEN, Flaw.JUMPED)
         if bridged and time_s - self._good_s <= self.limits.hold_s + 1e-9:
-            return Reading(self.last_good, True, f"{flaw}, held", held=True)
+            return Reading(self.last_good, True, flaw, held=True)
         self._valid = False
         return Reading(math.nan, False, flaw)
 
@@ -254,6 +254,7 @@ class SensorGuard:
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
         self.reasons = dict.fromkeys(SENSORS, "")  #: by sensor, why its last sample was not used; empty where it was
+        self.held: tuple[str, ...] = ()  #: sensors whose last good value stands for that sample
         self._limits = sensor_limits() if limits is None else limits
         self.reset()
 
@@ -292,11 +293,8 @@ class SensorGuard:
         """
         readings = [one.update(time_s, values.get(name)) for name, one in self._sensors.items()]
         depth, torque, temperature = readings
-        held: tuple[str, ...] = ()
-        for name, reading in zip(SENSORS, readings, strict=True):
-            self.reasons[name] = reading.reason
-            if reading.held:
-                held += (name,)
+        self.reasons.update(zip(SENSORS, (one.reason for one in readings), strict=True))
+        self.held = tuple(name for name, one in zip(SENSORS, readings, strict=True) if one.held)
         return Measurement(
             time_s,
             depth.value,
@@ -305,7 +303,7 @@ class SensorGuard:
             depth.valid,
             torque.valid,
             temperature.valid,
-            held=held,
+            held=self.held,
             force_kn=math.nan if drives is None else drives.force_kn,
             speed_rpm=math.nan if drives is None else drives.speed_rpm,
         )

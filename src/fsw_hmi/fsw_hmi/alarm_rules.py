@@ -197,12 +197,11 @@ class AlarmRules:
             why = now.sensor_reasons.get(name, "good")
             if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and why == "good":
                 why = "unusable"
-            fault = why.removesuffix(", held")
-            if fault == "good":
+            if why == "good":
                 self._faults.pop(name, None)
                 continue
-            if fault not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
-                self._faults[name] = _TEXTS.sensors.get(fault, fault)
+            if why not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
+                self._faults[name] = _TEXTS.sensors.get(why, why)
             found[f"sensor:{name}"] = alarm("sensor", name=name, why=self._faults[name])
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:

@@ -199,7 +199,6 @@ def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
         found = rules.present(situation(sensor_reasons={"depth": reason}), 0.0).get("sensor:depth")
         return found and found.text
 
-    assert told("frozen, held") == "Sensor depth: its value stands still"
     assert told("frozen") == told("recovering") == "Sensor depth: its value stands still"
     assert told("missing") == told("recovering") == "Sensor depth: no samples come"
     assert told("good") is None

@@ -12,7 +12,7 @@ from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
-from fsw_control.validity import SensorGuard
+from fsw_control.validity import Flaw, SensorGuard
 from fsw_control.weld import TICK_S
 from fsw_schema.models import InputError
 
@@ -154,10 +154,10 @@ def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> Floa
             if not reason:
                 continue
             begin = tick
-            while reason == "frozen" and begin > 0 and sensors[begin - 1, column] == row[column]:
+            while reason == Flaw.FROZEN and begin > 0 and sensors[begin - 1, column] == row[column]:
                 begin -= 1
             fresh = np.isfinite(usable[begin : tick + 1, column])
-            refused[name][reason.removesuffix(", held")] += max(1, int(fresh.sum()))
+            refused[name][reason] += max(1, int(fresh.sum()))
             usable[begin : tick + 1, column] = np.nan
     for name, reasons in refused.items():
         notes += [f"{name}: {count} samples left out: {reason}" for reason, count in reasons.items()]

@@ -125,7 +125,7 @@ def unusable_samples(course: Course) -> dict[str, dict[str, int]]:
         guard.measure(time_s, values)
         for name, reason in guard.reasons.items():
             if reason:
-                found[name][reason.removesuffix(", held")] += 1
+                found[name][reason] += 1
     return {name: dict(reasons) for name, reasons in found.items() if reasons}
 
 

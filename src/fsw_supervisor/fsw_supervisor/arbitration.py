@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
+from fsw_control.validity import Flaw
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
@@ -122,7 +123,8 @@ class Arbitration:
         if missing:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self._grace_s
-            lost = all(self.safety.sensor_reasons[name] == "missing" for name in missing)
+            known, held = self.safety.sensor_reasons, self.safety.held_sensors
+            lost = all(known[name] == Flaw.MISSING and name not in held for name in missing)
             # A sensor known to be lost is not waited for once the proposal has arrived; it may still come back. Before
             # that nothing can be decided, and a sample that is only late on a busy machine is not missing.
             if (in_grace and not (lost and proposed)) or (mode is Mode.AUTO and not proposed):

@@ -145,7 +145,8 @@ def _process_status(arbiter: Arbiter) -> Report:
     if safety.active:
         level = ERROR if safety.tripped else WARN
         parts.append(", ".join(safety.active))
-    reasons = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
+    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
+    reasons["held"] = ", ".join(safety.held_sensors) or "none"
     return Report("process", level, "; ".join(parts) or "sensors valid, all values within limits", reasons)
 
 

@@ -179,6 +179,11 @@ class SafetyMonitor:
         return self._guard.reasons
 
     @property
+    def held_sensors(self) -> tuple[str, ...]:
+        """Sensors whose last good value stands for their last sample."""
+        return self._guard.held
+
+    @property
     def active(self) -> tuple[str, ...]:
         """Active warnings and trips, e.g. ``temperature_high:warn``."""
         levels = tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
