@@ -14,6 +14,8 @@ from fsw_control.contract import Command
 from fsw_control.reports_ros import ERROR
 from fsw_msgs.msg import WeldCommand
 
+#: causes of a change of controller that nobody has requested
+AUTOMATIC = (Cause.SWAP_FAILED, Cause.CONTROLLER_BACK, Cause.SWAP_BACK)
 #: parts of the diagnostics that report who publishes commands
 WRITER_PARTS = ("fsw_supervisor: command topic", "fsw_plant: commands")
 
