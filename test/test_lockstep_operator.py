@@ -100,9 +100,9 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
     assert "unknown controller 'nobody'" in error
     assert error.count("\n") == 1
     code, _, error = fsw("acknowledge")
-    assert (code, error) == (1, "error: refused: there is no safe stop to acknowledge\n")
+    assert (code, error) == (1, "error: there is no safe stop to acknowledge\n")
     code, _, error = fsw("weld", "resume")
-    assert (code, error) == (1, "error: refused: the weld is running; it must be held\n")
+    assert (code, error) == (1, "error: the weld is running; it must be held\n")
 
 
 def test_an_empty_domain_is_told(capsys, monkeypatch):

@@ -9,7 +9,7 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.operator_node import LogLines, Operator, graph_text, operator
+from fsw.operator_node import ErrorLines, Operator, graph_text, operator
 
 _GET_STATE = "/get_state"
 _TYPE = "lifecycle_msgs/srv/GetState"
@@ -65,7 +65,7 @@ def _change(node: Operator, name: str, label: str) -> None:
     if label not in known:
         has = ", ".join(known) or "none"
         raise CommandError(f"{name} is {_state(node, name)} and has no transition {label} now; has {has}")
-    logs = LogLines(node, name, "cannot ")
+    logs = ErrorLines(node, name)
     request: Any = ChangeState.Request()
     request.transition.id, request.transition.label = known[label][0], label
     if not node.call(ChangeState, f"{name}/change_state", request).success:

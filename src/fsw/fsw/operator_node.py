@@ -13,6 +13,7 @@ import rclpy
 from rcl_interfaces.msg import Log
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import ExternalShutdownException
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -102,22 +103,22 @@ class Operator:
         return set_points.at(self.node.get_clock().now().nanoseconds)
 
 
-class LogLines:
-    """What a node of the namespace logs from now on that begins with some words.
+class ErrorLines:
+    """Errors that a node of the namespace logs from now on.
 
     By the clocks of two computers, where it runs on another one. What was logged before the subscription was matched is
     sent once more, so none is missed.
     """
 
-    def __init__(self, node: Operator, name: str, begin: str) -> None:
-        self._node, self._begin = node, begin
+    def __init__(self, node: Operator, name: str) -> None:
+        self._node = node
         self._logger = f"{node.node.get_namespace()}/{name}".replace("/", ".").strip(".")
         self._logs = node.watch(Log, "/rosout", LATCHED)
         self._since_s = time.time() - _CLOCKS_S
 
     def _lines(self) -> list[str]:
         new = (one for one in self._logs if one.stamp.sec + 1e-9 * one.stamp.nanosec >= self._since_s)
-        return [one.msg for one in new if one.name == self._logger and one.msg.startswith(self._begin)]
+        return [one.msg for one in new if one.name == self._logger and one.level >= LoggingSeverity.ERROR]
 
     def last(self) -> str:
         """The newest line, which may come after an answer; empty if none comes in time."""

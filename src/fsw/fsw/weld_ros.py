@@ -14,10 +14,11 @@ from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from fsw.errors import CommandError
-from fsw.operator_node import LogLines, Operator, ask, domain_text, operator
+from fsw.operator_node import Operator, ask, domain_text, operator
 from fsw_control import units
 from fsw_msgs.action import RunWeld
 from fsw_scenario.scenario_file import load
+from fsw_scenario.weld_player_ros import REFUSED
 from fsw_scenario.weld_programme import State
 
 _ACTION = "fsw/run_weld"
@@ -51,7 +52,7 @@ def abort_weld(arguments: argparse.Namespace) -> int:
     with operator(arguments) as node:
         aborted = abort(node)
     if not aborted:
-        raise CommandError("refused: no weld is under way that could be aborted")
+        raise CommandError("no weld is under way that could be aborted")
     print("the weld is aborted; the safe stop is requested")
     return 0
 
@@ -68,7 +69,6 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     When ``over`` comes true the weld is aborted, one that begins late as soon as it begins.
     """
     client = ActionClient(node.node, RunWeld, _ACTION)
-    logs = LogLines(node, "fsw_scenario", "goal rejected: ")
     if not node.wait_until(client.server_is_ready):
         full = node.node.resolve_topic_name(_ACTION)
         raise CommandError(f"no node offers {full} on {domain_text()}: is the scenario player running there?")
@@ -78,16 +78,16 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
         node.wait_until(lambda: answer.done() or not client.server_is_ready(), float("inf"))
     if not answer.done():
         raise CommandError("the scenario player has left before it answered")
-    handle = answer.result()
-    if not handle.accepted:
-        raise CommandError(logs.last() or "the goal was rejected; the log of the scenario player says why")
-    result = handle.get_result_async()
+    result = answer.result().get_result_async()
     node.wait_until(lambda: result.done() or over(), float("inf"))
     if not result.done():
         with contextlib.suppress(CommandError):  # without an answer the result does not come either
             abort(node)
         node.wait_until(result.done)
-    return result.result().result if result.done() else None
+    outcome = result.result().result if result.done() else None
+    if outcome is not None and outcome.verdict == REFUSED:
+        raise CommandError(outcome.message)
+    return outcome
 
 
 class FeedbackLines:

@@ -39,11 +39,11 @@ def player(monkeypatch):
     def future(value):
         return SimpleNamespace(done=lambda: clock.polls >= wanted.answers, result=lambda: value)
 
-    result = SimpleNamespace(result="the result")
+    result = SimpleNamespace(result=SimpleNamespace(verdict="done", message=""))
     wanted.ends, wanted.aborted = True, 0  #: whether a weld ends by itself; how often one under way was aborted
     end = SimpleNamespace(done=lambda: wanted.ends or (wanted.aborted and not wanted.hangs), result=lambda: result)
     wanted.hangs = False
-    handle = SimpleNamespace(accepted=True, get_result_async=lambda: end)
+    handle = SimpleNamespace(get_result_async=lambda: end)
     client = SimpleNamespace(
         server_is_ready=lambda: clock.polls < wanted.leaves,
         send_goal_async=lambda goal, feedback_callback: future(handle),
@@ -54,14 +54,13 @@ def player(monkeypatch):
         wanted.aborted += clock.polls >= wanted.answers
 
     monkeypatch.setattr(weld_ros, "abort", abort)
-    monkeypatch.setattr(weld_ros, "LogLines", lambda *_: SimpleNamespace(last=lambda: ""))
     return wanted
 
 
 @pytest.mark.parametrize(("answers", "waits"), [(0, False), (POLLS - 1, False), (50, True)])
 def test_a_weld_whose_goal_is_answered_late_is_followed(player, capsys, answers, waits):
     player.answers = answers
-    assert weld_ros.follow(player.clock, None) == "the result"
+    assert weld_ros.follow(player.clock, None).verdict == "done"
     assert ("waiting for the scenario player's answer" in capsys.readouterr().err) == waits
 
 
@@ -92,7 +91,7 @@ def test_a_player_that_leaves_before_it_answers_is_told(player):
 
 def test_a_weld_that_begins_after_the_guard_has_spoken_is_aborted(player):
     player.answers, player.ends = 50, False
-    assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20) == "the result"
+    assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20).verdict == "done"
     assert player.aborted == 1
 
 

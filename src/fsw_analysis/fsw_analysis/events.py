@@ -37,7 +37,14 @@ ACTION: dict[str, Kind] = {
     "outcome": "text",
     "message": "text",
 }
-ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}
+ALARM: dict[str, Kind] = {
+    "event": "text",
+    "priority": "text",
+    "text": "text",
+    "who": "text",
+    "reason": "text",
+    "shelved_for": "number",
+}
 #: events of the alarm journal that are shown; the others follow from them
 _ALARMS = ("raised", "re-raised", "worsened", "shelved")
 #: by former and present state of the programme
@@ -92,9 +99,10 @@ def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
 
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
     """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
-    for time_s, (event, priority, text, who, reason) in _in_order(times_s, journal, *ALARM):
+    for time_s, (event, priority, text, who, reason, shelved_for_s) in _in_order(times_s, journal, *ALARM):
         if event in _ALARMS:
-            yield WeldEvent(time_s, "alarm", text, event, who=who, detail=reason, data={"priority": priority})
+            why = f"{shelved_for_s / 60.0:.3g} min: {reason}" if shelved_for_s > 0.0 else reason
+            yield WeldEvent(time_s, "alarm", text, event, who=who, detail=why, data={"priority": priority})
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

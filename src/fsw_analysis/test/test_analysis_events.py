@@ -100,11 +100,11 @@ def test_what_operators_did() -> None:
 def test_alarms_that_came_and_were_shelved() -> None:
     times, journal = table(
         list(events.ALARM),
-        (1.0, "raised", "medium", "Depth off its set-point", "", ""),
-        (2.0, "shelved", "medium", "Depth off its set-point", "anna (3f2a)", "5 min: known"),
-        (3.0, "cleared", "medium", "Depth off its set-point", "", ""),
-        (4.0, "re-raised", "medium", "Depth off its set-point", "", ""),
-        (5.0, "acknowledged", "medium", "Depth off its set-point", "anna (3f2a)", ""),
+        (1.0, "raised", "medium", "Depth off its set-point", "", "", 0.0),
+        (2.0, "shelved", "medium", "Depth off its set-point", "anna (3f2a)", "known", 300.0),
+        (3.0, "cleared", "medium", "Depth off its set-point", "", "", 0.0),
+        (4.0, "re-raised", "medium", "Depth off its set-point", "", "", 0.0),
+        (5.0, "acknowledged", "medium", "Depth off its set-point", "anna (3f2a)", "", 0.0),
     )
     assert told(events.of_alarms(times, journal)) == [
         (1.0, "alarm", "medium alarm raised: Depth off its set-point"),

@@ -36,7 +36,7 @@ _PROGRAMME_SILENT_S = 5.0
 #: a ramp begins this long after the last tick, so that no part of it is late
 _LEAD_NS = 500_000_000
 #: answer of a supervisor that does not lead
-ON_STANDBY = False, "refused: this supervisor is on standby now; send the request again"
+ON_STANDBY = False, "this supervisor is on standby now; send the request again"
 #: later times of issue would leave no place in the order that a message can hold
 _LAST_NS = (2**31 - 1) * NANOSECONDS
 
@@ -220,12 +220,10 @@ class KeptReference:
             response = one.response
             if overtaken:
                 response.ok = False
-                response.message = (
-                    "refused: other set-points were received after them; check those in force and send them again"
-                )
+                response.message = "other set-points were received after them; check those in force and send them again"
             elif one.received_ns is None:
                 response.ok = False
-                response.message = f"refused: not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
+                response.message = f"not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
             elif not in_force:
                 response.message += "; there are no measurements, they will be in force from the next one on"
             self._asked.remove(one)
@@ -274,7 +272,7 @@ class KeptReference:
             response.ok, response.message = True, self._send(goal, present if request.ramp else goal, asked.mark)
         except ValueError as error:
             self._asked.remove(asked)
-            response.ok, response.message = False, f"refused: {error}"
+            response.ok, response.message = False, f"{error}"
             return response
         await asked.answered
         if response.ok and not await self._leads():

@@ -109,7 +109,7 @@ def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     graph.start_controller()
     assert "no set-points are in force yet" in graph.ask(2.7).message
     assert "1.5 to 4 mm" in graph.ask(9.0, 820.0).message
-    assert graph.ask(3.1, 820.0).message == "refused: too deep"
+    assert graph.ask(3.1, 820.0).message == "too deep"
     accepted = graph.ask(2.7, 820.0)
     assert accepted.ok, accepted.message
     in_force = graph.kept._queue.at(graph.ticks * STEP_NS)

@@ -68,7 +68,7 @@ class AlarmDesk:
             tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
             command_age_s=None if view.command_s is None else now_s - view.command_s,
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
-            sensor_reasons=watch.sensor_reasons,
+            sensor_states=watch.sensor_states,
             values=watch.values,
             attainable=watch.attainable,
             parts=watch.parts(),
@@ -88,5 +88,6 @@ class AlarmDesk:
                     count=one.count,
                     who=one.who,
                     reason=one.reason,
+                    shelved_for=one.shelved_for_s,
                 )
             )

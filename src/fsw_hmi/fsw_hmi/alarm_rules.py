@@ -67,7 +67,8 @@ _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(e
 def alarm(kind: str, **values: object) -> Alarm:
     """An alarm of a kind, with ``values`` in its texts."""
     one = _TEXTS.kinds[kind]
-    return replace(one, text=one.text.format(**values), advice=one.advice.format(**values))
+    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "advice")}
+    return replace(one, **parts)
 
 
 def alarm_id(kind: str, name: str) -> str:
@@ -112,7 +113,7 @@ class Situation:
     command_age_s: float | None = None
     sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
-    sensor_reasons: Mapping[str, str] = field(default_factory=dict)
+    sensor_states: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)  #: the newest row by column; NaN where unknown
     attainable: Reference | None = None  #: the set-points that the controller which commands goes for
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
@@ -194,14 +195,14 @@ class AlarmRules:
                 found["measurements"] = alarm("measurements")
             return
         for name in SENSORS:
-            why = now.sensor_reasons.get(name, "good")
-            if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and why == "good":
-                why = "unusable"
-            if why == "good":
+            state = now.sensor_states.get(name, "good")
+            if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and state == "good":
+                state = "unusable"
+            if state == "good":
                 self._faults.pop(name, None)
                 continue
-            if why not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
-                self._faults[name] = _TEXTS.sensors.get(why, why)
+            if state not in _AFTERWARDS or name not in self._faults:  # the alarm tells what it began with
+                self._faults[name] = _TEXTS.sensors.get(state, state)
             found[f"sensor:{name}"] = alarm("sensor", name=name, why=self._faults[name])
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
@@ -333,8 +334,8 @@ class AlarmRules:
             ]
             if errors:
                 (what, part), more = errors[0], len(errors) - 1
-                text = f"{node}: {what}: {part.text}" if what else f"{node}: {part.text}"
-                one = alarm("part_error", node=node, what=text + (f"; {more} more of its parts" if more else ""))
+                text = f"{what}: {part.text}" if what else part.text
+                one = alarm("part_error", node=node, why=text + (f"; {more} more of its parts" if more else ""))
                 own = node.startswith("fsw_") or node in known
                 found[alarm_id("part", node)] = one if own else replace(one, priority="low")
 

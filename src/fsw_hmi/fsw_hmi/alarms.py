@@ -30,13 +30,19 @@ _RESTART_S = 5.0
 class Alarm:
     """One cause, one consequence, one action."""
 
-    text: str
+    what: str  #: is wrong
     consequence: str
     advice: str
     priority: Priority  #: one of high priority cannot be shelved, and is never left out
     trip: bool = False  #: it stops the weld, so that what came first before it is marked
     on_s: float = 0.0  #: how long the cause must last before that counts
     off_s: float = 1.0  #: and how long be gone
+    why: str = ""  #: where more than one cause is possible
+
+    @property
+    def text(self) -> str:
+        """What is wrong, and why."""
+        return f"{self.what}: {self.why}" if self.why else self.what
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,7 @@ class Event:
     count: int
     who: str = ""
     reason: str = ""
+    shelved_for_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -250,7 +257,7 @@ class AlarmList:
         if entry.alarm.priority == "high":
             return "an alarm of high priority cannot be shelved"
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
-        self.events.append(Event(name, "shelved", entry.alarm, entry.count, who, f"{minutes:g} min: {reason}"))
+        self.events.append(Event(name, "shelved", entry.alarm, entry.count, who, reason, 60.0 * minutes))
         return ""
 
     def unshelve(self, name: str, who: str) -> str:
@@ -287,7 +294,9 @@ class AlarmList:
         return [
             {
                 "id": name,
-                **{key: getattr(one.alarm, key) for key in ("text", "consequence", "advice", "priority")},
+                **{
+                    key: getattr(one.alarm, key) for key in ("text", "what", "why", "consequence", "advice", "priority")
+                },
                 **{key: getattr(one, key) for key in ("state", "count", "chatters", "first", "shelved")},
                 "first_out": bool(one.led_to),
                 "first_s": round(wall_s + one.first_s - now_s, 3),

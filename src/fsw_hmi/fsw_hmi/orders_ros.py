@@ -143,7 +143,7 @@ class Orders:
         ok, message = _outcome(future.result())
         if call.repeat and not ok:
             return  # it is asked for again until its effect is confirmed
-        self._end(call, DONE if ok else REFUSED, message.removeprefix("refused: "))
+        self._end(call, DONE if ok else REFUSED, message)
 
     def _end(self, call: _Call, outcome: str, message: str) -> None:
         if call in self._calls:

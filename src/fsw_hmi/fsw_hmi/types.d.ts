@@ -106,7 +106,10 @@ interface Control {
 type Priority = "low" | "medium" | "high";
 interface Alarm {
   id: string;
+  /** `what` and `why` in one. */
   text: string;
+  what: string;
+  why: string;
   consequence: string;
   advice: string;
   priority: Priority;

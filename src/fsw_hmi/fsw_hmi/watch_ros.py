@@ -69,7 +69,7 @@ class Watch:
         self.progress: dict[str, Any] | None = None
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
         self.leader = ""  #: identity of the leading supervisor
-        self.sensor_reasons: dict[str, str] = {}  #: what the supervisor says of each sensor
+        self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
         self.attainable: Reference | None = None  #: set-points that the controller which commands goes for, if it tells
         self._goes_for = ""  # the controller that told it
         self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
@@ -168,7 +168,7 @@ class Watch:
             advice = readable(values.get("advice", ""))
             parts[what] = Part(level, readable(status.message), permissive, advice), now_s
             if name == "fsw_supervisor: process":
-                self.sensor_reasons = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
+                self.sensor_states = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
 
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""

@@ -81,10 +81,10 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"state": state(controllers=[controller(ready=False, inhibited=True)])}, "controller:nmpc", "medium"),
         ({"state": state(controllers=[controller(ready=False)])}, "controller:nmpc", "low"),
         ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
-        ({"sensor_reasons": {"torque": "frozen"}}, "sensor:torque", "medium"),
+        ({"sensor_states": {"torque": "frozen"}}, "sensor:torque", "medium"),
         (
             {
-                "sensor_reasons": {"torque": "frozen"},
+                "sensor_states": {"torque": "frozen"},
                 "state": state(
                     controllers=[controller(ready=False, why="requires the sensor torque", missing_sensors=["torque"])]
                 ),
@@ -196,7 +196,7 @@ def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
 
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
     def told(reason):
-        found = rules.present(situation(sensor_reasons={"depth": reason}), 0.0).get("sensor:depth")
+        found = rules.present(situation(sensor_states={"depth": reason}), 0.0).get("sensor:depth")
         return found and found.text
 
     assert told("frozen") == told("recovering") == "Sensor depth: its value stands still"

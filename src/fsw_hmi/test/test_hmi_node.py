@@ -283,7 +283,7 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_acknowledge(_, response):
-        response.success, response.message = False, "refused: still hot"
+        response.success, response.message = False, "still hot"
         return response
 
     def on_disturb(request, response):
@@ -370,7 +370,7 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
 
     def on_set_points(request, response):
         asked.append((round(request.depth * 1e3, 6), request.temperature, request.ramp))
-        response.ok, response.message = len(asked) > 1, "refused: as a test"
+        response.ok, response.message = len(asked) > 1, "as a test"
         return response
 
     graph.serve(SetReference, "fsw/set_reference", on_set_points)
@@ -424,7 +424,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
 
     wait_until(lambda: len(journal()) == 6, "the journal")
     assert journal() == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
-    assert (told[1].reason, told[1].who.startswith("anna (")) == ("20 min: disk is being changed", True)
+    assert (told[1].reason, told[1].shelved_for, told[1].who[:6]) == ("disk is being changed", 1200.0, "anna (")
     assert {(one.id, one.priority) for one in told} == {("part:fsw_recorder", "medium")}
 
 

@@ -30,7 +30,7 @@ class PlantServices:
             response.message, response.ok = act(), True
             self._logger.info(f"{what}: {response.message}")
         except (InputError, OperatingPointError) as error:
-            response.message, response.ok = f"refused: {error}", False
+            response.message, response.ok = f"{error}", False
 
     def _on_set_disturbance(
         self, request: SetDisturbance.Request, response: SetDisturbance.Response

@@ -352,7 +352,7 @@ def test_disturbance_and_fault_services(graph):
     assert graph.call(disturb, speed).ok
     graph.until(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
     answer = graph.call(disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0))
-    assert not answer.ok and answer.message.startswith("refused: ") and "'traverse'; one of depth" in answer.message
+    assert not answer.ok and "'traverse'; one of depth" in answer.message
     answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e6))
     assert not answer.ok and "outside -1 to 1 mm" in answer.message
     assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok

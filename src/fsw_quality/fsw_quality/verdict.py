@@ -188,7 +188,7 @@ def _sensors(course: Course, procedure: Procedure, evidence: Evidence) -> Iterat
         missing = course.missing[_SIGNAL[sensor.name]]
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
-        faults += [f"{count} {reason}" for reason, count in reasons.items() if reason != "missing"]
+        faults += [f"{count} {fault}" for fault, count in reasons.items() if fault != "missing"]
         due = ""
         if sensor.calibration_due is not None:
             due = f", calibrated until {sensor.calibration_due}"

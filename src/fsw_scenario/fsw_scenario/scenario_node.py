@@ -13,7 +13,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -35,7 +35,7 @@ from fsw_scenario.launcher import ABORTED
 from fsw_scenario.running_kpi import RunningKpi
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_scenario.weld_player_ros import FAILED, Outcome, PlayerOptions, WeldPlayer
+from fsw_scenario.weld_player_ros import FAILED, REFUSED, Outcome, PlayerOptions, WeldPlayer
 from fsw_scenario.weld_programme import State
 from fsw_schema.models import InputError
 
@@ -67,7 +67,6 @@ class ScenarioNode(LightNode, Node):
         self._own = RunWeld.Goal(scenario=given, overrides=self._settings["overrides"]) if given else None
         self._start = load(given, self._settings["overrides"]) if given else None
         self.weld: WeldPlayer | None = None
-        self._next = self._start  #: the scenario of the goal that is being accepted
         self._goal: Any = None
         self._over: Future = Future()
         self._ended: Outcome | None = None  #: the own goal
@@ -79,7 +78,6 @@ class ScenarioNode(LightNode, Node):
             RunWeld,
             ACTION,
             self._execute,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
@@ -120,8 +118,12 @@ class ScenarioNode(LightNode, Node):
 
     def _on_answer(self, future: Future) -> None:
         handle: Any = future.result()
-        if not handle.accepted:
-            self._ended = Outcome(FAILED, "another weld is under way")
+        handle.get_result_async().add_done_callback(self._on_own_result)
+
+    def _on_own_result(self, future: Future) -> None:
+        answer: Any = future.result()
+        if answer.result.verdict == REFUSED:
+            self._ended = Outcome(FAILED, answer.result.message)
 
     def _end_process(self, outcome: Outcome) -> None:
         """End the process, with an exit code after a failure."""
@@ -141,14 +143,6 @@ class ScenarioNode(LightNode, Node):
         super().destroy_node()
 
     # ---------------------------------------------------------------- the action
-
-    def _on_goal(self, goal: Any) -> GoalResponse:
-        try:
-            self._next = self._scenario_of(goal)
-        except InputError as error:
-            self.get_logger().error(f"goal rejected: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
 
     def _scenario_of(self, goal: Any) -> Scenario:
         """The scenario of a goal; InputError with the reason why it cannot be played."""
@@ -175,11 +169,17 @@ class ScenarioNode(LightNode, Node):
         return scenario
 
     def _on_accepted(self, handle: Any) -> None:
+        """Begin the weld of a goal, or answer why not: a rejection could not carry the reason."""
+        try:
+            scenario = self._scenario_of(handle.request)
+        except InputError as error:
+            why = str(error)
+            self.get_logger().error(f"goal refused: {why}")
+            handle.execute(lambda refused: _refuse(refused, why))
+            return
         options = PlayerOptions(
             self._settings["wait_for_controllers"], self._settings["silence_timeout_s"], self._start is not None
         )
-        scenario = self._next
-        assert scenario is not None
         if scenario.plant and self._start is None:
             self.get_logger().warning(
                 f"the plant is running and keeps its parameters; those of {scenario.name} are not applied: "
@@ -224,6 +224,11 @@ class ScenarioNode(LightNode, Node):
         if self._start is None:
             self.get_logger().info(f"{outcome.verdict}: {outcome.message}")
         return RunWeld.Result(verdict=str(outcome.verdict), message=outcome.message, bag=self._bag, kpi=_kpi(weld.kpi))
+
+
+def _refuse(handle: Any, why: str) -> Any:
+    handle.abort()
+    return RunWeld.Result(verdict=REFUSED, message=why)
 
 
 def _kpi(kpi: RunningKpi) -> WeldKpi:

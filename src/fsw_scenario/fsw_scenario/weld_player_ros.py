@@ -37,12 +37,12 @@ from fsw_scenario.weld_programme_ros import TICKS_PER_REPORT, NoProgramme, Progr
 _CONTROLLER_S = 5.0
 #: in lockstep a request may take so long to arrive on a busy machine; a dead supervisor costs no more (chosen)
 _DELIVERY = Duration(seconds=2)
-FAILED = "failed"
+FAILED, REFUSED = "failed", "refused"
 _TIME_JUMPED = "the measurements' time has jumped: the scenario continues from its present position"
 
 
 class Outcome(NamedTuple):
-    """How a weld has ended: ``verdict`` is ``done``, ``aborted`` or ``failed``."""
+    """How a weld has ended: ``verdict`` is ``done``, ``aborted``, ``failed`` or, of one that never began, ``refused``."""
 
     verdict: str
     message: str

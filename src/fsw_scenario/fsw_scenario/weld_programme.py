@@ -190,7 +190,7 @@ class PhaseMachine:
 
     def _go(self, state: State, allowed: Sequence[State]) -> tuple[bool, str]:
         if self.state not in allowed:
-            return False, f"refused: the weld is {self.state}; it must be {' or '.join(allowed)}"
+            return False, f"the weld is {self.state}; it must be {' or '.join(allowed)}"
         self.state = state
         return True, self.describe()
 

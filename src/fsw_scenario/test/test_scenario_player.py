@@ -58,7 +58,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
         before = graph.tick()
     graph.until(lambda: len(graph.follows._waiting) == 20, "the ramp that is sent ahead")
     refused = graph.ask("resume")
-    assert (refused.success, refused.message) == (False, "refused: the weld is running; it must be held")
+    assert (refused.success, refused.message) == (False, "the weld is running; it must be held")
     assert graph.ask("hold").success
     graph.until(lambda: graph.progress[-1].state == "held", "the hold")
     held = graph.progress[-1]
@@ -66,7 +66,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
     for _ in range(60):
         assert graph.tick() == before, "the set-points that were sent ahead are void"
     refused = graph.ask("hold")
-    assert (refused.success, refused.message) == (False, "refused: the weld is held; it must be running")
+    assert (refused.success, refused.message) == (False, "the weld is held; it must be running")
     graph.until(
         lambda: graph.tick() and convert.stamp_ns(graph.progress[-1].header.stamp) > START_NS + 60 * STEP_NS, "a report"
     )

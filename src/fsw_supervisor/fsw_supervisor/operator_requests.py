@@ -67,14 +67,14 @@ class OperatorRequests:
         request = SwitchRequest(name, strict, now_s + timeout_s, expires_ns, who)
         if self.registry.get(name) is None:
             known = ", ".join(record.name for record in self.registry) or "none"
-            return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
+            return self._answer(request, False, f"unknown controller {name[:40]!r}; known: {known}")
         self.drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
             machine.set_target(name)
             return self._answer(request, True, f"{name} is active already")
         why_not = self._why_not(name)
         if why_not and (strict or timeout_s == 0.0):
-            return self._answer(request, False, f"refused: {why_not}")
+            return self._answer(request, False, f"{why_not}")
         machine.set_target(name)
         if machine.mode is not Mode.AUTO:
             text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
@@ -94,23 +94,23 @@ class OperatorRequests:
     def _ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
         machine, controller = self.machine, ""
         if mode not in OPERATOR_TRIGGERS:
-            return False, f"refused: unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
+            return False, f"unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
         wanted = Mode(mode)
         if wanted is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
-            return False, f"refused: {why_stop}"
+            return False, f"{why_stop}"
         if wanted is not Mode.SAFE_STOP and machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
-            return False, "refused: acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
+            return False, "acknowledge the safe stop first (fsw/acknowledge, fsw.py acknowledge)"
         if wanted is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.limits)
             if refused is not None:
-                return False, f"refused: {refused.words}"
+                return False, f"{refused.words}"
             self.manual = manual
         if wanted is Mode.AUTO:
             self.registry.readmit_all(who)
             controller = machine.active or self.registry.first_ready()
             if not controller:
-                return False, f"refused: {self.registry.why_not_ready(machine.target)}"
+                return False, f"{self.registry.why_not_ready(machine.target)}"
         machine.set_target(mode=wanted)
         if wanted is machine.mode:
             if machine.register.stopped:
@@ -118,7 +118,7 @@ class OperatorRequests:
             machine.renew()
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO:
-            self.drop(f"refused: the mode has become {wanted}")
+            self.drop(f"the mode has become {wanted}")
         machine.fire(OPERATOR_TRIGGERS[wanted], f"{who} asked for {wanted}", who, controller)
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
 
@@ -130,13 +130,13 @@ class OperatorRequests:
         reports the same safe stop: it may have one of its own that nobody has seen yet.
         """
         if self.machine.mode is not Mode.SAFE_STOP:
-            return False, "refused: there is no safe stop to acknowledge"
+            return False, "there is no safe stop to acknowledge"
         if why_stop := self.safety.why_stop(acknowledged=True):
-            message = f"refused: {why_stop}"
+            message = f"{why_stop}"
             self.machine.log(Level.WARN, who, f"acknowledge: {message}")
             return False, message
         if self.machine.reported not in (None, self.machine.register.value):
-            return False, "refused: the machine has not confirmed the safe stop yet; ask again"
+            return False, "the machine has not confirmed the safe stop yet; ask again"
         self.safety.readmit(who)
         self.machine.acknowledge(who)
         return True, "acknowledged; now request a mode"
@@ -148,11 +148,11 @@ class OperatorRequests:
         if request is None:
             return
         if machine.mode is not Mode.AUTO:
-            self.drop(f"refused: the mode has become {machine.mode}")
+            self.drop(f"the mode has become {machine.mode}")
             return
         why_not = self._why_not(request.name)
         if why_not and (request.strict or request.done):
-            self.drop(f"refused: {why_not}")
+            self.drop(f"{why_not}")
         elif not why_not and request.name != machine.active:
             reason = f"{request.who} asked for {request.name}"
             machine.swap(request.name, Cause.SWAP_REQUESTED, reason, request.who)

@@ -66,7 +66,7 @@ class OperatorServices:
     ) -> SwitchController.Response:
         if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
             response.ok = False
-            response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            response.message = f"strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
             return response
         if not await self._leads():
             response.ok, response.message = ON_STANDBY

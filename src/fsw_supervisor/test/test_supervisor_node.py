@@ -19,6 +19,7 @@ from fsw_control.contract import Command  # noqa: E402
 from fsw_control.fence import Fence  # noqa: E402
 from fsw_control.topics_ros import LATEST  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
+    ControllerHealth,
     ControllerStatus,
     DriveFeedback,
     ShoulderDepth,
@@ -214,7 +215,7 @@ def test_switches_by_service_and_says_what_happened(bench):
     bench.until(lambda: bench.peer.states[-1].actual_controller == "nmpc")
     assert Cause(bench.peer.states[-1].cause) is Cause.SWAP_REQUESTED
     refused = bench.switch("nobody")
-    assert (refused.ok, refused.message) == (False, "refused: unknown controller 'nobody'; known: decentral, nmpc")
+    assert (refused.ok, refused.message) == (False, "unknown controller 'nobody'; known: decentral, nmpc")
     assert "strictness" in bench.switch("nmpc", strictness=7).message
 
 
@@ -245,10 +246,10 @@ def test_lists_controllers_with_their_health(bench):
     answer = bench.call(bench.peer.listing, ListControllers.Request())
     assert (answer.active, answer.mode) == ("decentral", "auto")
     decentral, nmpc = answer.controllers
-    assert (decentral.name, decentral.warm, decentral.reason) == ("decentral", True, "")
+    assert (decentral.name, decentral.warm, decentral.lack) == ("decentral", True, ControllerHealth.NONE)
     assert list(decentral.tolerated_sensors) == ["depth"]
     assert (nmpc.healthy, nmpc.warm) == (False, False)
-    assert "not finite" in nmpc.reason
+    assert (nmpc.lack, "not finite" in nmpc.detail) == (ControllerHealth.UNUSABLE, True)
 
 
 def test_fails_over_within_the_tick(bench):

@@ -33,7 +33,7 @@ def test_without_a_time_to_wait_the_answer_comes_at_once(rig, timeout_s, ready):
     request = ask(rig, timeout_s=timeout_s)
     assert (request.done, request.ok) == (True, ready)
     words = "accepted: nmpc is applied from the next tick on"
-    assert request.message == (words if ready else "refused: nmpc is not usable: no proposal at the deadline")
+    assert request.message == (words if ready else "nmpc is not usable: no proposal at the deadline")
     assert rig.arbiter.operator.waiting == ready
     assert rig.arbiter.machine.target == ("nmpc" if ready else "decentral")
     rig.run(1)
@@ -49,7 +49,7 @@ def test_an_accepted_switch_that_cannot_be_made_is_told_though_it_was_answered(r
     assert not rig.arbiter.operator.waiting
     assert rig.arbiter.machine.target == "decentral"
     assert request.message.startswith("accepted")
-    assert "warn operator: switch to nmpc: refused: nmpc is not usable: gone" in rig.events()
+    assert "warn operator: switch to nmpc: nmpc is not usable: gone" in rig.events()
 
 
 def test_an_accepted_switch_does_not_time_out_before_the_next_tick(rig):
@@ -148,11 +148,11 @@ def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
 
 
 def test_without_any_controller_it_is_told_that_none_is_known(make_rig):
-    assert ask(make_rig()).message == "refused: unknown controller 'nmpc'; known: none"
+    assert ask(make_rig()).message == "unknown controller 'nmpc'; known: none"
 
 
 def test_manual_without_values_is_refused(rig):
-    words = "refused: not finite: force nan kN, speed nan rpm"
+    words = "not finite: force nan kN, speed nan rpm"
     assert rig.arbiter.operator.ask_mode("manual", None, "operator") == (False, words)
 
 
@@ -195,7 +195,7 @@ def test_a_request_is_refused_when_the_mode_has_changed_by_itself(waiting):
     rig.silent.add("decentral")
     rig.run(2)
     assert rig.last.source == "hold"
-    assert (request.done, request.message) == (True, "refused: the mode has become hold")
+    assert (request.done, request.message) == (True, "the mode has become hold")
     assert not rig.arbiter.operator.waiting
 
 
@@ -213,7 +213,7 @@ def test_swaps_of_the_operator_keep_the_interval_that_is_set(make_rig, interval_
     rig.run(1)
     for elapsed in range(round(interval_s / 0.1)):
         refused = ask(rig, "decentral", strict=True)
-        assert refused.message == f"refused: the last swap was only {elapsed / 10:.1f} s ago"
+        assert refused.message == f"the last swap was only {elapsed / 10:.1f} s ago"
         assert ask(rig, "nmpc").ok, "no swap is needed for the active one"
         rig.run(1)
     assert not ask(rig, "decentral", strict=True).done
@@ -231,7 +231,7 @@ def test_a_switch_outside_auto_needs_no_interval(rig):
 
 def test_a_refused_mode_is_told_in_the_log_with_the_reason(rig):
     rig.arbiter.operator.ask_mode("full_speed" * 10, None, "someone")
-    assert f"warn someone: mode {('full_speed' * 10)[:40]}: refused: unknown mode" in rig.events()
+    assert f"warn someone: mode {('full_speed' * 10)[:40]}: unknown mode" in rig.events()
     rig.arbiter.machine.events.clear()
     rig.arbiter.operator.ask_mode("hold", None, "someone")
     assert "mode hold:" not in rig.events()
@@ -295,7 +295,7 @@ def test_auto_takes_the_first_of_the_fallbacks_that_is_ready(rig):
 @pytest.mark.requirement("S25")
 def test_an_acknowledgement_is_answered_and_logged_once(rig):
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
-    assert desk.acknowledge("anna") == (False, "refused: there is no safe stop to acknowledge")
+    assert desk.acknowledge("anna") == (False, "there is no safe stop to acknowledge")
     desk.ask_mode("safe_stop", None, "operator")
     for _ in range(2):
         assert desk.acknowledge("anna") == (True, "acknowledged; now request a mode")

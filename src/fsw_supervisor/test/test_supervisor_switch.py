@@ -35,16 +35,16 @@ def test_timeout_zero_answers_at_once(rig):
 def test_unknown_controllers_are_refused(rig, strict):
     request = ask(rig, "nobody", strict)
     assert (request.done, request.ok) == (True, False)
-    assert request.message == "refused: unknown controller 'nobody'; known: decentral, nmpc"
+    assert request.message == "unknown controller 'nobody'; known: decentral, nmpc"
 
 
 def test_strict_is_refused_with_the_reason(rig):
     rig.spoil("nmpc", healthy=False, reason="no reference")
     rig.run(1)
-    assert ask(rig, "nmpc").message == "refused: nmpc is not usable: no reference"
+    assert ask(rig, "nmpc").message == "nmpc is not usable: no reference"
     rig.edit.clear()
     rig.run(2)
-    assert ask(rig, "nmpc").message == "refused: nmpc is not ready: 2 of 5 good proposals in a row"
+    assert ask(rig, "nmpc").message == "nmpc is not ready: 2 of 5 good proposals in a row"
     rig.delays_s["nmpc"] = 0.09
     rig.run(1)
     assert "late: 90 ms" in ask(rig, "nmpc").message
@@ -124,7 +124,7 @@ def test_a_controller_that_becomes_unready_before_the_swap_is_refused(rig):
     request = ask(rig, "nmpc")
     rig.arbiter.registry.get("nmpc").bad("gone")
     rig.run(1)
-    assert request.message == "refused: nmpc is not usable: gone"
+    assert request.message == "nmpc is not usable: gone"
     assert rig.last.source == "decentral"
 
 

@@ -355,8 +355,9 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
 
 
 def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
+    what, _, why = text.partition(": ")
     return {
-        **{"id": name, "text": text, "priority": priority, "state": state, "count": 1},
+        **{"id": name, "text": text, "what": what, "why": why, "priority": priority, "state": state, "count": 1},
         "consequence": "The controllers do without it for a short time only",
         "advice": "Check the sensor, then swap the controller or stop",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},

@@ -15,8 +15,8 @@ export function fixed(/** @type {Maybe} */ value, /** @type {number} */ digits) 
 }
 
 export function signed(/** @type {Maybe} */ value, /** @type {number} */ digits) {
-  const text = fixed(value, digits);
-  return text === NONE || text.startsWith("−") || Number(text) === 0 ? text : `+${text}`;
+  const plain = fixed(value, digits);
+  return known(value) && value > 0 && Number(plain) !== 0 ? `+${plain}` : plain;
 }
 
 /** `serverS` as time of the server's day, in UTC: the browser's clock and time zone have no part in it. */

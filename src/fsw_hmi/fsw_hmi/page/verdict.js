@@ -23,8 +23,7 @@ function fromTickAge(/** @type {Now} */ { tickAgeS }) {
 function fromAlarms(present, priority) {
   const first = present.find((alarm) => alarm.priority === priority);
   if (!first) return null;
-  const [text, why] = first.text.split(/: (.*)/); // the cause is in smaller letters
-  return { level: priority, text, detail: [why, `${priority} alarm${present.length > 1 ? `, ${present.length - 1} more` : ""}`].filter(Boolean).join(" · ") };
+  return { level: priority, text: first.what, detail: [first.why, `${priority} alarm${present.length > 1 ? `, ${present.length - 1} more` : ""}`].filter(Boolean).join(" · ") };
 }
 
 /** @returns {Verdict?} */

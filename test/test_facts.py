@@ -1,0 +1,83 @@
+"""Facts travel as fields: nothing in the tree reads a sentence of ours back."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+#: names of fields and variables that hold sentences
+PROSE = {"reason", "text", "message", "words", "detail", "why", "msg", "said", "sentence"}
+#: methods and functions that take a text apart, or look into it
+READS = {"startswith", "endswith", "partition", "rpartition", "split", "removeprefix", "removesuffix", "find", "index"}
+MATCHES = {"search", "match", "fullmatch", "findall", "finditer", "split", "sub"}
+#: texts that other software or a person wrote
+FOREIGN = {
+    "src/fsw_hmi/fsw_hmi/tls.py": "errors of OpenSSL",
+}
+PYTHON = [path for path in sorted(ROOT.glob("src/*/*/**/*.py")) if "test" not in path.parts]
+PAGE = sorted((ROOT / "src/fsw_hmi/fsw_hmi/page").glob("*.js"))
+IN_PAGE = re.compile(rf"\b({'|'.join(sorted(PROSE))})\??\.(split|match|startsWith|endsWith|includes|indexOf|slice)\(")
+
+
+def holds_prose(node: ast.AST) -> bool:
+    # a variable `text` is mostly what a person or a file gives
+    names = PROSE - {"text"}
+    return (isinstance(node, ast.Attribute) and node.attr in PROSE) or (isinstance(node, ast.Name) and node.id in names)
+
+
+def is_words(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(node.value.strip())
+
+
+def reads(node: ast.AST) -> bool:
+    """Whether something is read out of a sentence: ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        of, method = node.func.value, node.func.attr
+        is_re = (isinstance(of, ast.Name) and of.id.strip("_").isupper()) or (
+            isinstance(of, ast.Name) and of.id == "re"
+        )
+        return (method in READS and bool(node.args) and holds_prose(of)) or (
+            is_re and method in MATCHES and any(map(holds_prose, node.args))
+        )
+    if isinstance(node, ast.Compare):
+        [*operators], sides = node.ops, [node.left, *node.comparators]
+        looks_in = isinstance(operators[0], ast.In | ast.NotIn) and is_words(sides[0]) and holds_prose(sides[1])
+        is_equal = (
+            isinstance(operators[0], ast.Eq | ast.NotEq) and any(map(holds_prose, sides)) and any(map(is_words, sides))
+        )
+        return looks_in or is_equal
+    return False
+
+
+def sentences_read(source: str) -> list[int]:
+    return [node.lineno for node in ast.walk(ast.parse(source)) if reads(node)]
+
+
+def test_nothing_reads_a_sentence_of_ours():
+    found = {path.relative_to(ROOT).as_posix(): sentences_read(path.read_text("utf-8")) for path in PYTHON}
+    assert {path: lines for path, lines in found.items() if lines and path not in FOREIGN} == {}
+
+
+def test_the_page_reads_no_sentence_of_ours():
+    assert [f"{path.name}: {one[0]}" for path in PAGE for one in IN_PAGE.finditer(path.read_text("utf-8"))] == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'swap.reason.startswith("on request")',
+        're.search("operator", event.text)',
+        "_WHO.match(event.text)",
+        '"start infeasible" in candidate.reason',
+        'message.removeprefix("refused: ")',
+        'state.reason == "operator"',
+    ],
+)
+def test_a_sentence_that_is_read_is_found(line):
+    assert sentences_read(line) == [1]
+
+
+def test_spaces_may_be_put_in_order():
+    assert sentences_read('" ".join(text.split())') == []
