@@ -32,7 +32,7 @@ def is_words(node: ast.AST) -> bool:
 
 
 def reads(node: ast.AST) -> bool:
-    """Whether something is read out of a sentence: ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``."""
+    """Whether a sentence is read: ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
         of, method = node.func.value, node.func.attr
         is_re = (isinstance(of, ast.Name) and of.id.strip("_").isupper()) or (

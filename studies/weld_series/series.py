@@ -125,13 +125,15 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     if not (place / "bag" / METADATA_NAME).exists():
         shutil.rmtree(place, ignore_errors=True)
         _weld_to_bag(number, name, place / "bag", end_deg)
-    signals, custom, proof = record.read(place / "bag")
+    signals, proof = record.read(place / "bag")
     wanted = series_procedure(end_deg)
-    made, course = record.judged(place / "bag", wanted, signals, custom, proof)
+    made, course = record.judged(place / "bag", wanted, signals, proof)
     if not page.exists():  # one that was attested stays as it is
         page.parent.mkdir(exist_ok=True)
         report.write(made, course, wanted, page.parent)
-    row = history.row(name, signals, watch(Monitor("canister"), signals), custom, str(made.verdict), made.data_files)
+    row = history.row(
+        name, signals, watch(Monitor("canister"), signals), signals.custom, str(made.verdict), made.data_files
+    )
     with replacing(row_file) as scratch:
         text = json.dumps({key: None if value != value else value for key, value in row.items()}, indent=1)
         scratch.write_text(text, encoding="utf-8")

@@ -204,7 +204,7 @@ def test_programme_is_held_and_resumed_and_its_weld_unrolled_by_clicking(program
     press(page, "Set the fault")
     expect(form).to_have_count(0)
     mark = page.locator(".exceedances button").first
-    expect(mark).to_have_attribute("aria-label", re.compile(r"Depth: off quality, high, \d+° to \d+°, \d\d:\d\d:\d\d"))
+    expect(mark).to_have_attribute("aria-label", re.compile(r"depth error outside: .*, \d+° to \d+°, \d\d:\d\d:\d\d"))
     expect(unrolled).not_to_contain_text("nowhere outside")
     mark.click()
     back = page.get_by_role("button", name="Back to now")

@@ -13,13 +13,13 @@ import yaml
 
 from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.judgement import decide
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.signals import load_weld
 from fsw_quality import procedure, report
 from fsw_quality.attestation import manifest_for
 from fsw_quality.record import Record, make
-from fsw_quality.verdict import decide
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -64,17 +64,31 @@ def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:
     """Phases that begin, and the programme held, resumed, aborted and done."""
     for name, time_s in phases(times_s, progress):
         yield WeldEvent(time_s, "phase", name)
-    for (_, before), (time_s, state) in pairwise(_in_order(times_s, progress, "state")):
+    yield from of_programme_states(_in_order(times_s, progress, "state"))
+
+
+def of_programme_states(states: Iterable[tuple[float, str]]) -> Iterator[WeldEvent]:
+    """The programme held, resumed, aborted and done, from times and states of its reports."""
+    for (_, before), (time_s, state) in pairwise(states):
         if state != before:
             yield WeldEvent(time_s, "weld", _STATES.get((before, state), state))
 
 
 def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
-    """Controllers, modes and leaders that take over, interlocks that trip and clear, from the supervisor's reports."""
+    """As :func:`of_states`, from a table of the supervisor's reports."""
     names = ("actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who")
+    yield from of_states(_in_order(times_s, state, *names))
+
+
+def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:
+    """Controllers, modes and leaders that take over, interlocks that trip and clear.
+
+    ``states`` are times and, of each of the supervisor's reports, controller, mode, leader, interlocks, reason, cause
+    and who asked for it.
+    """
     before: tuple[str, str, str] | None = None
     present: frozenset[str] = frozenset()
-    for time_s, (controller, mode, leader, interlocks, reason, cause, who) in _in_order(times_s, state, *names):
+    for time_s, (controller, mode, leader, interlocks, reason, cause, who) in states:
         active = frozenset(interlocks)
         now, why = (controller, mode, leader), Cause(-1 if np.isnan(cause) else int(cause))
         for kind, old, new in zip(("swap", "mode", "takeover"), before or now, now, strict=True):

@@ -111,6 +111,7 @@ class WeldMessages:
                 raw.setdefault(record.topic, []).append((log_ns, record.publish_time_ns, data))
             topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
+            self.custom = dict(reader.metadata.custom_data)
             self.problems = list(reader.problems)
         for name, count in others.items():
             self.problems.append(f"{name}: {count} messages of another type than {topics[name].type_name} are left out")

@@ -134,6 +134,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         drives=ticks.group(DriveSignals, drives) if drives else None,
         truth=ticks.group(TruthSignals, truth) if truth else None,
         attachments=messages.attachments,
+        custom=messages.custom,
         counts={name: len(raw) for name, raw in messages.raw.items()},
         namespace=messages.namespace,
         problems=messages.problems,

@@ -145,6 +145,8 @@ class WeldSignals:
     truth: TruthSignals | None = None  #: the plant emulator's truth; None when the bag has none (a real weld)
     #: the bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``
     attachments: dict[str, bytes] = field(default_factory=dict)
+    #: what the recorder was given with the bag, e.g. ``canister.id``, and its count of lost messages
+    custom: dict[str, str] = field(default_factory=dict)
     #: messages per topic; names are those without the weld's namespace
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""  #: in which the weld ran; empty or e.g. ``/hall/cell1``

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from fsw_analysis.judgement import judge
 from fsw_analysis.kpi import compute
+from fsw_analysis.rule_book import default
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_campaign import definition
 from fsw_campaign.definition import ERRORS, Campaign, Entrant
@@ -72,6 +74,8 @@ def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entr
         inside = [_outside(signals, name, limit, row) <= limit.at_most_s for name, limit in campaign.limits.items()]
         row["status"] = DIVERGED if loop.plant.stopped else OK
         row["reason"] = loop.plant.stopped
+        decided = judge(signals, default()).deciding
+        row["verdict"], row["rule"] = str(decided.verdict), decided.name
         row["inside"] = all(inside) and not loop.plant.stopped
     except Exception as error:  # one weld of thousands may fail in any way, the others go on
         row["status"], row["reason"] = ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}"

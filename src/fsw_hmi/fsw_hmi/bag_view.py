@@ -12,7 +12,10 @@ import numpy as np
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.headline import page_account
+from fsw_analysis.judgement import judge
 from fsw_analysis.messages import recorded_parameters
+from fsw_analysis.procedure import rule_book
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
@@ -69,6 +72,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
         "events": [{"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text} for one in signals.events],
+        "account": page_account(judge(signals, rule_book(signals.attachments))),
         "kpis": _kpis(signals, problems),
         "problems": problems,
     }

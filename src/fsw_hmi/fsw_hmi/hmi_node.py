@@ -19,6 +19,8 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
+from fsw_analysis.procedure import Procedure
+from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import declare
@@ -35,6 +37,7 @@ from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE, limits, reference, safe_state
+from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
@@ -44,6 +47,7 @@ from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
+from fsw_schema.models import content_of, read_text, validate
 
 _LOOK_S, _REPORT_S = 0.05, 1.0
 #: shortest time between two ticks on the page, when time runs faster than the wall clock
@@ -80,6 +84,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
         self._desk = AlarmDesk(self, self._watch, self._setting)
+        self._weld = LiveWeld(_book(values["procedure"]))
         self._orders = Orders(self)
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
@@ -158,7 +163,13 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if restarted:
             self._web.call(self._page.forget)
             self._keeper.forget()
+            self._weld.forget()
+        if self._watch.progress is not None:
+            self._weld.on_progress(self._watch.progress)
+        if self._watch.state is not None:
+            self._weld.on_state(self._watch.leader, self._watch.state)
         for one in rows:
+            self._weld.add(one, self._watch.source)
             text = row(one.stamp_ns, one.values)
             self._keeper.add(text)
             shown = None
@@ -214,6 +225,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if watch.progress is not None:
             silent = watch.progress["state"] in UNDER_WAY and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
             self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
+        if (account := self._weld.frame()) is not None:
+            self._show("account", account)
         self._keep()
         is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():
@@ -286,6 +299,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))
         self._actions.publish(OperatorAction(header=header, holder=self._holder, **done))
+
+
+def _book(file: str) -> RuleBook:
+    if not file:
+        return default()
+    return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
 
 
 def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tuple[str | users.Users, bool]:

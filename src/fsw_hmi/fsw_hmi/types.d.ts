@@ -145,6 +145,7 @@ type Frame =
   | Programme
   | Control
   | Tick
+  | (Account & { t: "account" })
   | { t: "history"; rows: Row[] }
   | { t: "beat"; tick_age_s: Value }
   | ({ t: "prediction"; controller: string } & Ahead)
@@ -177,6 +178,7 @@ interface Now {
   alarms: Alarm[];
   values: Values;
   limits: Limits;
+  account: Account | null;
   tickAgeS: Value;
 }
 interface Note {
@@ -243,11 +245,29 @@ interface Drawing {
   zoom?(range: [number, number]): void;
   overlay(uplot: Plot, key: string): void;
 }
-/** Part of the way around the canister, and what was worst there. */
+/** A place on the way around the canister, and what was there. */
 interface Spot {
   rank: number;
   text: string;
   timeS: number;
+}
+/** A place outside a limit, as the server judges. */
+interface Mark {
+  level: Level;
+  text: string;
+  time_s: number;
+  lasts_s: number;
+  from_deg: Value;
+  to_deg: Value;
+}
+/** The judgement of a weld, or of a weld so far. */
+interface Account {
+  verdict: "accept" | "review" | "reject";
+  level: Level;
+  rule: string;
+  text: string;
+  detail: string;
+  marks: Mark[];
 }
 interface Stretch {
   from: number;
@@ -265,6 +285,7 @@ interface Weld {
   phases: { name: string; begin_s: number; end_s: number; temperature_error_c: Spread | null; depth_error_mm: Spread | null }[];
   events: { time_s: number; text: string }[];
   kpis: { name: string; unit: string; value: number }[];
+  account: Account;
   problems: string[];
 }
 type Spread = { mean: number; sigma: number };

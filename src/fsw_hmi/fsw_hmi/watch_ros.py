@@ -67,6 +67,7 @@ class Watch:
         self.view = WeldView(self.references.at)
         self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
         self.progress: dict[str, Any] | None = None
+        self.source = ""  #: who computed the last command
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
         self.leader = ""  #: identity of the leading supervisor
         self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
@@ -110,6 +111,7 @@ class Watch:
             self._on_rows(rows, restarted)
 
     def _on_command(self, message: WeldCommand) -> None:
+        self.source = readable(message.source, 100)
         self.view.on_command(convert.stamp_ns(message.header.stamp), convert.command(message), time.monotonic())
 
     # ---------------------------------------------------------------- reports

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from fsw_quality.exceedances import Rounded
-from fsw_quality.verdict import Verdict
+from fsw_analysis.exceedances import Rounded
+from fsw_analysis.judgement import Verdict
 from fsw_schema.models import InputError, Many, Model, json_content_of, read_text, validate
 
 if TYPE_CHECKING:

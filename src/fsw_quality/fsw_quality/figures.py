@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from fsw_analysis.course import Course
 from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import png
-from fsw_quality.course import Course
-from fsw_quality.procedure import Kind, Procedure
+from fsw_analysis.rule_book import Kind
+from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
 
 _PANELS = {

@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from fsw_analysis.course import course_of
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_quality.attestation import IDENTITY
-from fsw_quality.course import course_of
 from fsw_quality.monitor_run import Watched
 from fsw_schema.files import locked, replacing
 from fsw_schema.models import InputError

@@ -7,9 +7,10 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_analysis.rule_book import Limit, Variable
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_model import OperatingPointError, ProcessModel, nominal
-from fsw_quality.procedure import Limit, Procedure, Variable, load, path_of
+from fsw_quality.procedure import Procedure, load, path_of
 from fsw_recorder.after_recording import BAG
 from fsw_schema.models import InputError
 
@@ -58,7 +59,9 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     file = str(path_of(source))
     # what is signed may lie anywhere: the file itself is read, beside its signature
     command = [sys.executable, "-m", "fsw.main", "record", BAG, "--procedure", file, "--out", f"{BAG}/record"]
-    return node_parameters(load(file), supervisor) | {
+    nodes = node_parameters(load(file), supervisor)
+    nodes["fsw_hmi"]["procedure"] = file
+    return nodes | {
         "fsw_procedure": {"procedure": file},
         "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
     }

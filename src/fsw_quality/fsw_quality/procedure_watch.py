@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_control.cause import Cause
-from fsw_quality.procedure import Procedure, digest
-
-#: parameters that say nothing of the control
-NOT_TUNING = ("use_sim_time", "start_type_description_service")
-
-
-def tuning_sha256(parameters: Mapping[str, Any]) -> str:
-    """Hash of a controller's parameters, as procedures and records have it."""
-    return digest({key: value for key, value in parameters.items() if key not in NOT_TUNING})
 
 
 class ProcedureWatch:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,28 +10,26 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Strict
 
-from fsw_analysis.messages import recorded_parameters
+from fsw_analysis.course import Course
+from fsw_analysis.exceedances import Exceedance, Pair, Rounded, beyond
+from fsw_analysis.judgement import Evidence, Rule, Verdict, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
+from fsw_analysis.procedure import Identity, Procedure, attached
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.diagnostic_names import qualified
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
 from fsw_quality.comparison import Comparison
-from fsw_quality.course import Course, course_of, unusable_samples
-from fsw_quality.exceedances import Exceedance, Pair, Rounded, beyond, exceedances
-from fsw_quality.procedure import Identity, Procedure
-from fsw_quality.procedure_watch import tuning_sha256
-from fsw_quality.verdict import Evidence, Rule, Verdict, decide, judge
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
-from fsw_schema.models import InputError, Many, Model, content_of, validate
+from fsw_schema.models import Many, Model
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
@@ -192,13 +189,12 @@ def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | No
     return judged(bag, procedure, *read(bag, progress))
 
 
-def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, dict[str, str], list[str]]:
-    """What :func:`judged` needs of a bag: signals, custom data, what proves it; errors as :func:`make`."""
+def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[WeldSignals, list[str]]:
+    """What :func:`judged` needs of a bag: signals, and what proves it; errors as :func:`make`."""
     signals = load_weld(bag, progress)
     proof, wrong = statement(bag)
     signals.problems.extend(wrong)
     with BagReader(bag) as reader:
-        custom = dict(reader.metadata.custom_data)
         told = attached_procedures(signals)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
@@ -206,12 +202,10 @@ def read(bag: Path, progress: Callable[[float], None] | None = None) -> tuple[We
             told += [one for one in told_by_watch(reader, signals) if one.data not in known]
     if told:
         signals = replace(signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s))
-    return signals, custom, proof
+    return signals, proof
 
 
-def judged(
-    bag: Path, procedure: Procedure, signals: WeldSignals, custom: Mapping[str, str], proof: Sequence[str]
-) -> tuple[Record, Course]:
+def judged(bag: Path, procedure: Procedure, signals: WeldSignals, proof: Sequence[str]) -> tuple[Record, Course]:
     """Judge what was read of a bag; errors as :func:`make`."""
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
@@ -223,53 +217,40 @@ def judged(
             f"{bag}: has no phase of procedure {procedure.id} ({', '.join(wanted)}): {actual}; give the bag of a weld "
             "with a programme, or its own procedure"
         )
-    return assemble(signals, procedure, custom, files_of(bag), proof)
+    return assemble(signals, procedure, files_of(bag), proof)
 
 
 def assemble(
     signals: WeldSignals,
     procedure: Procedure,
-    custom: Mapping[str, str],
     files: tuple[BagFile, ...] = (),
     proof: Sequence[str] = (),
 ) -> tuple[Record, Course]:
-    """The record of a weld from its signals and the custom data of its bag."""
-    course = course_of(signals)
-    found = exceedances(course, procedure)
-    start_ns = int(signals.stamp_ns[0])
-    lost = custom.get("lost_messages", "")
-    parameters = _parameters(signals, procedure)
-    evidence = Evidence(
-        problems=tuple(signals.problems),
-        lost=int(lost) if lost.isdecimal() else None,
-        has_states=bool(signals.counts.get("/fsw/supervisor/state")),
-        stamp_ns=None if start_ns < SIMULATED_NS else start_ns,
-        parameters=parameters,
-        unusable=unusable_samples(course),
-    )
-    rules = judge(course, procedure, found, signals.events, evidence)
-    verdict, deciding = decide(rules)
+    """The record of a weld from its signals."""
+    account = judge(signals, procedure)
+    course, evidence = account.course, account.evidence
+    custom = signals.custom
     phases = [*((name, ticks) for name, ticks in course.spans() if name), ("whole weld", slice(None))]
     record = Record(
-        verdict=verdict,
-        deciding=deciding,
-        rules=tuple(rules),
+        verdict=account.verdict,
+        deciding=account.deciding,
+        rules=tuple(account.rules),
         procedure=procedure.identity,
         bag=bag_name(signals.path),
         files=files,
         proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
-        start_ns=start_ns,
+        start_ns=int(signals.stamp_ns[0]),
         simulated_time=evidence.stamp_ns is None,
         duration_s=course.time_s[-1] - course.time_s[0],
         controllers=course.controllers,
         operators=signals.operators,
         control=tuple(times_of_control(signals.events, float(course.time_s[-1]))),
         software=software_versions(signals.attachments),
-        parameters_sha256=parameters,
+        parameters_sha256=evidence.parameters,
         attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
         cannot_say=tuple(_cannot_say(signals, custom, evidence)),
-        exceedances=tuple(found),
+        exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
         gaps=tuple(_gap(course, begin_s, duration_s) for begin_s, duration_s in course.gaps),
@@ -280,20 +261,12 @@ def assemble(
     return record, course
 
 
-def _gap(course: Course, begin_s: float, duration_s: float) -> Gap:
-    before, after = course.time_s < begin_s - 1e-6, course.time_s > begin_s + duration_s - 1e-6
-
-    def place(values: FloatArray) -> tuple[float, float] | None:
-        known = np.isfinite(values)
-        if not (known & before).any() or not (known & after).any():
-            return None
-        return float(values[known & before][-1]), float(values[known & after][0])
-
+def _gap(course: Course, begin_s: float, lasts_s: float) -> Gap:
     return Gap(
         begin_s=begin_s,
-        duration_s=duration_s,
-        angle_deg=place(course.angle_deg),
-        travel_mm=place(course.travel_mm),
+        duration_s=lasts_s,
+        angle_deg=course.place(begin_s, lasts_s),
+        travel_mm=course.place(begin_s, lasts_s, course.travel_mm),
     )
 
 
@@ -326,13 +299,8 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
 
 def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
     """By which procedure the weld began: the file that was attached to the bag."""
-    found = []
-    for name, data in signals.attachments.items():
-        if name.endswith(".yaml") and b"fsw_weld_procedure" in data:
-            with suppress(InputError):  # a scenario that names the format is none
-                one = validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name).identity
-                found.append(welded(float(signals.time_s[0]), one.id, one.revision, one.sha256))
-    return found
+    identities = (one.identity for one in attached(signals.attachments))
+    return [welded(float(signals.time_s[0]), one.id, one.revision, one.sha256) for one in identities]
 
 
 def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEvent:
@@ -346,17 +314,6 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
         paths = sorted(path for path in (*reader.files(), bag / METADATA_NAME) if path.is_file())
     contents = ((path.name, mapped(path)) for path in paths)
     return tuple(BagFile(name=name, bytes=len(data), sha256=sha256(data)) for name, data in contents)
-
-
-def _parameters(signals: WeldSignals, procedure: Procedure) -> dict[str, str]:
-    found = {}
-    for name in dict.fromkeys([*signals.proposals, *(one.name for one in procedure.controllers)]):
-        try:
-            values = recorded_parameters(signals.attachments, signals.namespace, name)
-        except BagError:
-            continue
-        found[name] = tuning_sha256(values)
-    return found
 
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:

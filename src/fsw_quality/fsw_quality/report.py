@@ -8,9 +8,9 @@ from pathlib import Path
 
 import matplotlib
 
+from fsw_analysis.course import Course
 from fsw_analysis.report import page, source
 from fsw_quality import figures
-from fsw_quality.course import Course
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
 from fsw_schema.files import write_whole

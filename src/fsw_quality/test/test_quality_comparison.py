@@ -24,7 +24,7 @@ def record(number: int, offset_mm: float = 0.0, procedure: Procedure | None = No
     weld = good_weld()
     weld = replace(weld, path=Path(f"weld_{number}"), depth_mm=weld.depth_mm + offset_mm)
     file = BagFile(name="weld.mcap", bytes=1, sha256=sha or f"{number:064x}")
-    found, _ = assemble(weld, procedure or short_procedure(), {"lost_messages": "0"}, (file,))
+    found, _ = assemble(replace(weld, custom={"lost_messages": "0"}), procedure or short_procedure(), (file,))
     return found
 
 

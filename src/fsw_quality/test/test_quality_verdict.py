@@ -12,13 +12,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fsw_analysis.course import course_of
+from fsw_analysis.judgement import Verdict
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals
 from fsw_control.cause import Cause
-from fsw_quality.course import course_of
 from fsw_quality.procedure import Procedure, digest
 from fsw_quality.record import Record, assemble, attached_procedures, welded
-from fsw_quality.verdict import Verdict
 from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
 
 ORDER = list(Verdict)
@@ -31,7 +31,7 @@ ARRAYS = ("depth_mm", "torque_nm", "temperature_c", "force_kn", "speed_rpm")
 
 
 def judged(weld: WeldSignals, procedure: Procedure = PROCEDURE, custom: dict[str, str] = COMPLETE) -> Record:
-    return assemble(weld, procedure, custom)[0]
+    return assemble(replace(weld, custom=custom), procedure)[0]
 
 
 def array(weld: WeldSignals, name: str) -> Any:

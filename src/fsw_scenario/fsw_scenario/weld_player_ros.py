@@ -42,7 +42,7 @@ _TIME_JUMPED = "the measurements' time has jumped: the scenario continues from i
 
 
 class Outcome(NamedTuple):
-    """How a weld has ended: ``verdict`` is ``done``, ``aborted``, ``failed`` or, of one that never began, ``refused``."""
+    """How a weld has ended: ``verdict`` is ``done``, ``aborted``, ``failed``, or ``refused``: it never began."""
 
     verdict: str
     message: str

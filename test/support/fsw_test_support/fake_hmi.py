@@ -88,6 +88,7 @@ class FakeHmi:
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
+        self.account = good_account()
         self.attainable: dict[str, float] | None = None  #: what stands in for set-points out of reach
         self.actions: list[dict[str, Any]] = []
         self.refusals: dict[str, str] = {}  #: request -> reason
@@ -163,7 +164,7 @@ class FakeHmi:
         control = {"t": "control", **self._room.control(session, time.monotonic())}
         reach = {"ok": True, "text": "Commands reach the machine"}
         alarms = {"t": "alarms", "alarms": self.alarms, "reach": reach, "attainable": self.attainable}
-        frames = [{"t": "state", **self.state}, alarms, control]
+        frames = [{"t": "state", **self.state}, alarms, {"t": "account", **self.account}, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -316,6 +317,20 @@ SAFE_STOP = (
 )
 
 
+#: where a weld left its limits
+PLACE = {
+    **{"level": "medium", "text": "Depth error outside", "time_s": 1.0, "lasts_s": 2.0},
+    **{"from_deg": 143.0, "to_deg": 144.0},
+}
+
+
+def good_account(*marks: dict[str, Any]) -> dict[str, Any]:
+    """The judgement of a weld that keeps its limits, or of one that left them at some places."""
+    good = {"verdict": "accept", "level": "good", "rule": "all", "text": "Good", "detail": "every limit is kept"}
+    bad = {"verdict": "review", "level": "medium", "rule": "quality", "text": "Depth error outside", "detail": "once"}
+    return (bad if marks else good) | {"marks": [*marks]}
+
+
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
@@ -349,6 +364,7 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
         "phases": [_phase("start", 0.0, 60.0), _phase("joint_line", 60.0, 240.0)],
         "events": [{"time_s": 60.0, "text": "swap to nmpc"}, {"time_s": 120.0, "text": "disturbance depth +0.1 mm"}],
         "kpis": [{"name": name, "unit": unit, "value": value} for name, unit, value in kpis],
+        "account": good_account(),
         "problems": [] if n == 0 else ["3 ticks without a command"],
         "rows": rows,
     }

@@ -1,7 +1,7 @@
 // The page over recorded welds: scrub, play, zoom; two of them are drawn over each other.
 import { Bars } from "./bars.js";
 import { byId, el, panel, scroll, setText } from "./dom.js";
-import { clock, fixed, NONE, span, words } from "./format.js";
+import { clock, fixed, NONE, SIGN, span, words } from "./format.js";
 import { Player } from "./player.js";
 import { drawTime, LINES, liveLines, Trends, uPlotReady, withQuality } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
@@ -47,8 +47,9 @@ class BagPage {
     byId("side").append(this.#figures(), this.#phases(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
-    const map = new WeldMap(byId("map"), this.first.columns, limits, (timeS) => this.player?.seek(timeS));
+    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS));
     map.add(this.first.rows);
+    map.judged(this.first.account.marks);
     map.draw();
     this.player = new Player(byId("foot"), this.durationS, this.first.events, (timeS) => this.#show(timeS));
     this.#zoom(this.range);
@@ -57,9 +58,10 @@ class BagPage {
   #head() {
     const part = (/** @type {Node[]} */ ...texts) => el("section", {}, el("p", {}, ...texts));
     const names = this.welds.map((weld) => weld.name).join(" and ");
+    const judged = this.welds.map(({ account }) => `${SIGN[account.level]} ${account.text}`).join(", ");
     const start = this.first.start_s === null ? "simulated time" : `began ${new Date(this.first.start_s * 1000).toISOString().slice(0, 10)} ${clock(this.first.start_s)} UTC`;
     byId("status").append(
-      part(el("strong", {}, `Recorded: ${names}`), el("span", { className: "detail" }, `${start}; no commands here`)),
+      part(el("strong", {}, `Recorded: ${names}`), el("span", { className: "detail", title: judged }, `${judged}; ${start}; no commands here`)),
       part(this.who, el("span", { className: "detail" }, `values of ${this.first.name}`)),
       part(this.phase, el("span", { className: "detail" }, "phase")),
       part(this.time, el("span", { className: "detail" }, "time in the weld")),

@@ -25,6 +25,7 @@ export class LivePage {
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
   /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
+  /** @type {Account?} */ account = null;
   /** @type {Value} */ tickAgeS = null;
 
   constructor() {
@@ -50,9 +51,10 @@ export class LivePage {
     } else {
       if (frame.t === "beat") this.tickAgeS = frame.tick_age_s;
       else Object.assign(this, { [frame.t]: frame });
+      if (frame.t === "account") this.map?.judged(frame.marks);
       this.#show();
     }
-    if (frame.t === "state" || frame.t === "history") this.map?.draw();
+    if (["state", "history", "account"].includes(frame.t)) this.map?.draw();
   }
 
   #show() {
@@ -76,7 +78,7 @@ export class LivePage {
     this.trends?.destroy();
     this.trends = new LiveTrends(byId("trends"), this.store, hello.limits, hello.all_welds);
     this.map?.destroy();
-    this.map = new WeldMap(byId("map"), hello.columns, hello.limits, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
+    this.map = new WeldMap(byId("map"), hello.columns, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
     this.#show();
     if (isNew) this.commands.connected(hadControl);
   }
@@ -100,7 +102,7 @@ export class LivePage {
 
   #judge() {
     if (!this.connection.live || !this.hello) return;
-    this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, tickAgeS: this.tickAgeS }));
+    this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, account: this.account, tickAgeS: this.tickAgeS }));
     this.controllers.time(this.values);
     document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
   }

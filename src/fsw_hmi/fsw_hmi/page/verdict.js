@@ -10,8 +10,8 @@ export function verdict(now) {
   if (!known(now.tickAgeS)) return { level: "attention", text: "No measurements yet" };
   const present = now.alarms.filter(({ state }) => state !== "cleared" && state !== "shelved"); // the worst first
   const told = (/** @type {Priority} */ priority) => fromAlarms(present, priority);
-  const found = fromTickAge(now) ?? told("high") ?? told("medium") ?? fromValues(now) ?? fromState(now) ?? told("low");
-  return found ?? { level: "good", text: "Good", detail: "depth and temperature within their limits" };
+  const found = fromTickAge(now) ?? told("high") ?? told("medium") ?? fromValues(now) ?? fromState(now) ?? fromAccount(now) ?? told("low");
+  return found ?? { level: "good", text: "Good", detail: "every limit is kept so far" };
 }
 
 /** @returns {Verdict?} */
@@ -33,6 +33,12 @@ function fromValues(/** @type {Now} */ { values, limits }) {
     if (level) return { level, text: `${name}: ${text}` };
   }
   return null;
+}
+
+/** How the weld so far is judged, by the rules of its record. @returns {Verdict?} */
+function fromAccount(/** @type {Now} */ { account }) {
+  if (!account) return { level: "attention", text: "Not judged yet" };
+  return account.level === "good" ? null : { level: account.level, text: account.text, detail: account.detail };
 }
 
 /** What is wrong with the state is an alarm; the rest is what somebody wants. @returns {Verdict?} */

@@ -1,7 +1,6 @@
-// The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
+// The canister unrolled: the way welded so far, and the places outside limits that the server's judgement has, with the moment.
 import { at, el, setShort, svg } from "./dom.js";
 import { fixed, known, SIGN, span } from "./format.js";
-import { judge, quantity } from "./quantities.js";
 
 const WAY_DEG = 420; // a turn, the overlap, and the way out
 const TURN_DEG = 360;
@@ -11,16 +10,16 @@ const STEP_DEG = 0.5;
 const MARK_PX = 48;
 
 export class WeldMap {
-  /** Of each step of the way the worst row. @type {(Spot | undefined)[]} */
-  #steps = new Array(WAY_DEG / STEP_DEG).fill(undefined);
+  /** Which steps of the way are welded. @type {boolean[]} */
+  #steps = new Array(WAY_DEG / STEP_DEG).fill(false);
+  /** @type {Mark[]} */
+  #marks = [];
   #drawn = "";
 
-  /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {Limits} limits @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
-  constructor(root, names, limits, onMoment, told = span) {
-    this.limits = limits;
+  /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
+  constructor(root, names, onMoment, told = span) {
     this.onMoment = onMoment;
     this.told = told;
-    this.columns = ["depth_mm", "temperature_c"].map((key) => ({ key, value: names.indexOf(key), aim: names.indexOf(quantity(key).aim) }));
     this.angle = names.indexOf("angle_deg");
     this.paths = LEVELS.map((level) => svg("path", { class: level }));
     this.tool = svg("path", { class: "tool" });
@@ -37,37 +36,35 @@ export class WeldMap {
   add(/** @type {Row[]} */ rows) {
     for (const row of rows) {
       const deg = row[this.angle];
-      const timeS = row[0];
-      if (!known(deg) || !known(timeS)) continue;
-      const verdicts = this.columns.map(({ key, value, aim }) => ({ key, ...judge(key, this.limits, row[value], row[aim]) }));
-      const found = verdicts.find(({ level }) => level === "high") ?? verdicts.find(({ level }) => level);
-      const rank = LEVELS.indexOf(found?.level ?? "good");
-      const step = Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#steps.length - 1);
-      const before = this.#steps[step];
-      if (before && (before.rank > rank || (before.rank === rank && before.timeS <= timeS))) continue;
-      this.#steps[step] = { rank, text: found ? `${quantity(found.key).name}: ${found.text}` : "", timeS };
+      if (known(deg)) this.#steps[Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#steps.length - 1)] = true;
     }
+  }
+
+  /** Take the places outside limits, which replace those before. */
+  judged(/** @type {Mark[]} */ marks) {
+    this.#marks = marks;
   }
 
   draw() {
     const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
-    const outside = this.#stretches((rank) => rank > 0);
+    const outside = this.#marks.map((mark) => ({ from: mark.from_deg ?? 0, to: Math.max(mark.to_deg ?? 0, (mark.from_deg ?? 0) + STEP_DEG), worst: { rank: LEVELS.indexOf(mark.level), text: mark.text, timeS: mark.time_s } }));
     const times = outside.length === 1 ? "once" : outside.length ? `${outside.length} times` : "nowhere";
     setShort(this.detail, welded < 0 ? "no angle is known yet" : `${fixed(welded, 0)}° welded, ${times} outside the limits`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
     this.tool.setAttribute("d", welded < 0 ? "" : `M${welded} 0v10`);
-    this.paths.forEach((path, level) => path.setAttribute("d", this.#stretches((rank) => rank === level).map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
+    const drawn = [this.#welded(), ...LEVELS.slice(1).map((_, i) => outside.filter(({ worst }) => worst.rank === i + 1))];
+    this.paths.forEach((path, level) => path.setAttribute("d", drawn[level].map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
     this.#mark(outside);
   }
 
-  /** Neighbouring steps whose rank is wanted, as `{from, to, worst}`. @param {(rank: number) => boolean} wanted */
-  #stretches(wanted) {
-    const found = /** @type {Stretch[]} */ ([]);
+  /** The way welded so far, in stretches. */
+  #welded() {
+    const found = /** @type {{from: number, to: number}[]} */ ([]);
     this.#steps.forEach((step, i) => {
-      if (!step || !wanted(step.rank)) return;
+      if (!step) return;
       const last = found[found.length - 1];
-      if (last?.to !== i * STEP_DEG) found.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG, worst: step });
-      else Object.assign(last, { to: (i + 1) * STEP_DEG, worst: step.rank > last.worst.rank ? step : last.worst });
+      if (last?.to !== i * STEP_DEG) found.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG });
+      else last.to = (i + 1) * STEP_DEG;
     });
     return found;
   }

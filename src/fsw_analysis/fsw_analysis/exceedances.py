@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Strict
 
+from fsw_analysis.course import Course
+from fsw_analysis.rule_book import Check, Kind, RuleBook
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
-from fsw_quality.course import Course
-from fsw_quality.procedure import Check, Kind, Procedure
 from fsw_schema.models import Many, Model
 
 #: to six decimals
@@ -62,9 +62,9 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
 
 
-def exceedances(course: Course, procedure: Procedure) -> list[Exceedance]:
+def exceedances(course: Course, book: RuleBook) -> list[Exceedance]:
     """All exceedances of limits and permitted set-points, in the order of the checks."""
-    return [one for check in procedure.checks() for one in _exceedances(course, check)]
+    return [one for check in book.checks() for one in _exceedances(course, check)]
 
 
 def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:

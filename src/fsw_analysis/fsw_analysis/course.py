@@ -39,6 +39,7 @@ class Course:
     phase: TextArray
     source: TextArray
     mode: TextArray
+    held: npt.NDArray[np.bool_]  #: an operator had stopped the programme
     values: dict[str, FloatArray]
     put_in: npt.NDArray[np.bool_]  #: ticks that are missing on all topics
     gaps: list[tuple[float, float]]  #: begin and length [s] of each run of those
@@ -48,6 +49,13 @@ class Course:
     def missing(self) -> dict[str, int]:
         """Samples that are not known, by variable."""
         return {name: int(np.sum(~np.isfinite(values))) for name, values in self.values.items()}
+
+    def place(self, begin_s: float, lasts_s: float, of: FloatArray | None = None) -> tuple[float, float] | None:
+        """Angle, or another position, before and after a stretch of time; None where either is not known."""
+        values = self.angle_deg if of is None else of
+        known = np.isfinite(values)
+        before, after = known & (self.time_s < begin_s - 1e-6), known & (self.time_s > begin_s + lasts_s - 1e-6)
+        return (float(values[before][-1]), float(values[after][0])) if before.any() and after.any() else None
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -65,7 +73,7 @@ def course_of(signals: WeldSignals) -> Course:
     """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
     over = [event for event in signals.events if event.kind == "weld" and event.subject in _OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
-    begin_s = signals.phases[0][1] if signals.phases else float(signals.time_s[0])
+    begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)
     inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)
     stops = [begin_s - TICK_S, *signals.time_s[inside].tolist(), *([end_s + TICK_S] if over else [])]
     known_s, fillers, gaps = signals.time_s[inside], [np.empty(0)], []
@@ -109,11 +117,27 @@ def course_of(signals: WeldSignals) -> Course:
         names[np.searchsorted(begins, time_s, side="right")],
         texts(signals.command_source),
         texts(signals.actual_mode),
+        _held(signals, time_s),
         {name: numbers(one) for name, one in values.items()},
         np.concatenate([np.zeros(known_s.size, bool), np.ones(put_in.size, bool)])[order],
         gaps,
         over[-1].subject if over else "",
     )
+
+
+def _start_s(signals: WeldSignals) -> float:
+    """Begin of a weld without a programme: the first tick in automatic control."""
+    auto = np.flatnonzero(signals.actual_mode == "auto")
+    return float(signals.time_s[auto[0] if auto.size else 0])
+
+
+def _held(signals: WeldSignals, time_s: FloatArray) -> npt.NDArray[np.bool_]:
+    held, since_s = np.zeros(time_s.size, bool), None
+    for event in (one for one in signals.events if one.kind == "weld"):
+        if since_s is not None:
+            held |= (time_s > since_s + 1e-6) & (time_s <= event.time_s + 1e-6)
+        since_s = event.time_s if event.subject == "held" else None
+    return held if since_s is None else held | (time_s > since_s + 1e-6)
 
 
 def unusable_samples(course: Course) -> dict[str, dict[str, int]]:

@@ -1,0 +1,88 @@
+"""What pages and tables say of a judgement, in plain English: made here last, from one table."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from fsw_analysis.exceedances import Exceedance
+from fsw_analysis.judgement import Account, Rule, Verdict
+
+Level = Literal["good", "medium", "high"]
+_LEVELS: dict[Verdict, Level] = {Verdict.ACCEPT: "good", Verdict.REVIEW: "medium", Verdict.REJECT: "high"}
+_VARIABLES = {
+    "depth_mm": "depth",
+    "temperature_c": "temperature",
+    "torque_nm": "torque",
+    "force_kn": "force",
+    "speed_rpm": "speed",
+    "power_kw": "power",
+    "traverse_mm_per_min": "traverse speed",
+    "depth_error_mm": "depth error",
+    "temperature_error_c": "temperature error",
+    "set_point_depth_mm": "set-point of the depth",
+    "set_point_temperature_c": "set-point of the temperature",
+}
+#: by name of the rule that decides
+_TITLES = {
+    "all": "Good",
+    "complete": "Programme not completed",
+    "recording": "Record incomplete",
+    "essential": "{subject} beyond an essential limit",
+    "quality": "{subject} outside its quality limit",
+    "set-point": "{subject} outside the permitted range",
+    "procedure": "Welded by another procedure",
+    "sensor": "Sensor {subject} not usable throughout",
+    "controller": "Commands from a source that is not permitted",
+    "tuning": "Controller {subject} with another tuning",
+    "tool": "Another tool than specified",
+    "tool_life": "Tool beyond its life",
+    "machine": "Another machine than specified",
+    "hold": "Programme held too long",
+    "swaps": "Controller changed",
+    "mode": "Not in automatic control throughout",
+    "interlocks": "Interlock tripped",
+}
+
+
+def title(rule: Rule) -> str:
+    """What a rule that decides says, in a few words."""
+    words = _TITLES[rule.name].format(subject=_VARIABLES.get(rule.subject, rule.subject))
+    return words[:1].upper() + words[1:]
+
+
+def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
+    """Headline and places on the unrolled canister, ready for JSON; ``offset_s``: to the page's clock."""
+    rule = account.deciding
+    good = rule.verdict is Verdict.ACCEPT
+    gaps = [
+        _mark("high", "not on record", (begin_s, length_s), offset_s, account.course.place(begin_s, length_s))
+        for begin_s, length_s in account.course.gaps
+    ]
+    return {
+        "verdict": str(rule.verdict),
+        "level": _LEVELS[rule.verdict],
+        "rule": rule.name,
+        "text": title(rule),
+        "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
+        "marks": gaps + [_of_exceedance(one, offset_s) for one in account.exceedances],
+    }
+
+
+def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:
+    level: Level = "high" if one.kind == "essential" else "medium"
+    text = f"{_VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit}"
+    return _mark(level, text, (one.begin_s, one.duration_s), offset_s, one.angle_deg)
+
+
+def _mark(
+    level: Level, text: str, time_s: tuple[float, float], offset_s: float, place: tuple[float, float] | None
+) -> dict[str, Any]:
+    begin_s, lasts_s = time_s
+    return {
+        "level": level,
+        "text": text,
+        "time_s": round(begin_s + offset_s, 3),
+        "lasts_s": round(lasts_s, 3),
+        "from_deg": None if place is None else round(place[0], 3),
+        "to_deg": None if place is None else round(place[1], 3),
+    }

@@ -1,0 +1,188 @@
+"""The welding procedure specification: a rule book with what is welded, in which phases, by which controllers."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import date
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
+
+from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
+from fsw_control.contract import SENSORS
+from fsw_schema.models import InputError, Many, Model, Name, content_of, problem, validate
+from fsw_schema.ranges import Range
+
+#: parameters that say nothing of the control
+NOT_TUNING = ("use_sim_time", "start_type_description_service")
+#: sensors that may be required: those of a tick, and what the drives report
+SENSOR_NAMES = (*SENSORS, "drives")
+_FORMAT = "fsw_weld_procedure"
+ANGLE_DEG = Range(0.0, 720.0, "deg")
+
+
+def _sensor(name: str) -> str:
+    if name not in SENSOR_NAMES:
+        raise ValueError(f"is {name!r}, not a sensor; known: {', '.join(SENSOR_NAMES)}")
+    return name
+
+
+def _hash(text: str) -> str:
+    if len(text) != 64 or set(text) - set("0123456789abcdef"):
+        raise ValueError("is not a SHA-256 of 64 hexadecimal digits in lower case")
+    return text
+
+
+#: also as YAML has it without quotes
+Date = Annotated[date, Strict(False)]
+Hash = Annotated[str, AfterValidator(_hash)]
+
+
+class Material(Sourced):
+    """What is welded."""
+
+    name: Text
+    thickness_mm: PositiveFloat
+
+
+class Geometry(Sourced):
+    """The joint."""
+
+    joint: Text
+    diameter_mm: PositiveFloat
+    """of the joint line"""
+
+
+class Tool(Sourced):
+    """The tool."""
+
+    id: Text | None = None
+    probe_length_mm: PositiveFloat
+    shoulder_diameter_mm: PositiveFloat
+    shoulder: Text
+    """its shape"""
+    life_mm: PositiveFloat | None = None
+    """length of weld for which it may be used"""
+
+
+class Machine(Sourced):
+    """The welding machine."""
+
+    name: Text
+    traverse_mm_per_min: PositiveFloat
+    """set traverse speed"""
+
+
+class Phase(Sourced):
+    """A phase of the weld: it ends at an angle, or lasts for a time."""
+
+    name: Name
+    to_deg: Annotated[float, ANGLE_DEG] | None = None
+    """angle that must be reached"""
+    duration_s: PositiveFloat | None = None
+    """least time of a phase without travel"""
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        if (self.to_deg is None) == (self.duration_s is None):
+            raise ValueError("needs either to_deg or duration_s")
+        return self
+
+
+class Controller(Model):
+    """A controller that may command the weld."""
+
+    name: Name
+    parameters_sha256: Hash | None = None
+    """of its parameters, as the record of a weld shows it; left out: any tuning"""
+
+
+class Sensor(Model):
+    """A sensor that the weld must have."""
+
+    name: Annotated[str, AfterValidator(_sensor)]
+    calibration_due: Date | None = None
+    """last day on which its calibration is valid"""
+
+
+class Identity(Model):
+    """Which procedure a weld was judged by."""
+
+    id: str
+    revision: str
+    date: str
+    sha256: str
+
+
+class Procedure(RuleBook):
+    """Content of a procedure file."""
+
+    format: Literal["fsw_weld_procedure"]
+    version: Literal[1]
+    id: Name
+    revision: Text
+    date: Date
+    title: Text
+    material: Material
+    geometry: Geometry
+    tool: Tool
+    machine: Machine
+    phases: Annotated[Many[Phase], Field(min_length=1)]
+    """in their order"""
+    controllers: Annotated[Many[Controller], Field(min_length=1)]
+    sensors: Annotated[Many[Sensor], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for key in ("phases", "controllers", "sensors"):
+            names = [one.name for one in getattr(self, key)]
+            if doubled := next((one for one in names if names.count(one) > 1), None):
+                raise problem(f"names {doubled} twice", key)
+        names = [phase.name for phase in self.phases]
+        for key in ("essential", "quality"):
+            for row, limit in enumerate(getattr(self, key)):
+                if unknown := [one for one in limit.phases if one not in names]:
+                    raise problem(f"names phase {unknown[0]}, which is not one of {', '.join(names)}", key, row)
+        angles = [phase.to_deg for phase in self.phases if phase.to_deg is not None]
+        if angles != sorted(set(angles)):
+            raise problem("do not ascend in to_deg", "phases")
+        return self
+
+    @property
+    def sha256(self) -> str:
+        """Hash of everything that it says; comments and order of keys do not count."""
+        return digest(self.model_dump(mode="json"))
+
+    @property
+    def identity(self) -> Identity:
+        """Name, revision and hash."""
+        return Identity(id=self.id, revision=self.revision, date=self.date.isoformat(), sha256=self.sha256)
+
+
+def digest(content: Any) -> str:
+    """SHA-256 of plain values, whatever the order of their keys."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def tuning_sha256(parameters: Mapping[str, Any]) -> str:
+    """Hash of a controller's parameters, as procedures and records have it."""
+    return digest({key: value for key, value in parameters.items() if key not in NOT_TUNING})
+
+
+def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
+    """The procedures that are attached to a bag."""
+    found = []
+    for name, data in attachments.items():
+        if name.endswith(".yaml") and _FORMAT.encode() in data:
+            with suppress(InputError):  # a scenario that names the format is none
+                found.append(validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name))
+    return found
+
+
+def rule_book(attachments: Mapping[str, bytes]) -> RuleBook:
+    """By what the weld in a bag is judged: the procedure that is attached, else the defaults."""
+    return next(iter(attached(attachments)), None) or default()

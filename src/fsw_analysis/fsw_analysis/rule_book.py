@@ -1,0 +1,174 @@
+"""What a weld must keep: limits, permitted set-points, and how much outside them is tolerated. All of it is data.
+
+A procedure has a rule book; a weld without one is judged by the defaults, ``rule_book.yaml``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, validate
+from fsw_schema.ranges import Range
+
+_DEFAULT = Path(__file__).with_name("rule_book.yaml")
+#: what a limit may be on; an error is the measured value minus the programme's set-point, power is torque times speed
+#: at the spindle
+Variable = Literal[
+    "depth_mm",
+    "temperature_c",
+    "torque_nm",
+    "force_kn",
+    "speed_rpm",
+    "power_kw",
+    "traverse_mm_per_min",
+    "depth_error_mm",
+    "temperature_error_c",
+]
+Text = Annotated[str, Field(min_length=1), AfterValidator(lambda text: " ".join(text.split()))]
+
+
+class Sourced(Model):
+    """What says where its figures come from."""
+
+    source: Text
+    """where the figures come from"""
+
+
+class SetPoint(Sourced):
+    """A set-point at the start of the weld, and the range that every set-point must be in."""
+
+    value: float
+    min: float
+    max: float
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if not self.min <= self.value <= self.max:
+            raise ValueError(f"is impossible: min {self.min:g}, value {self.value:g}, max {self.max:g} must ascend")
+        return self
+
+
+class SetPoints(Model):
+    """Set-points and their permitted ranges."""
+
+    depth_mm: SetPoint
+    temperature_c: SetPoint
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> Self:
+        for name, allowed in (("depth_mm", REFERENCE_DEPTH_MM), ("temperature_c", REFERENCE_TEMPERATURE_C)):
+            for key in ("min", "max"):
+                if complaint := allowed.complaint(getattr(getattr(self, name), key)):
+                    raise problem(f"= {complaint}, which the controllers accept", name, key)
+        return self
+
+
+class Limit(Sourced):
+    """Limits on a variable, in all phases or in some."""
+
+    variable: Variable
+    min: float | None = None
+    max: float | None = None
+    phases: Many[Name] = ()
+    """in which it holds; left out: in all"""
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.min is None and self.max is None:
+            raise ValueError("needs min or max")
+        if self.min is not None and self.max is not None and self.min >= self.max:
+            raise ValueError(f"is impossible: min {self.min:g} is not below max {self.max:g}")
+        return self
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is inside."""
+        return (self.min is None or self.min <= value) and (self.max is None or value <= self.max)
+
+    @property
+    def words(self) -> str:
+        """E.g. ``temperature_c 790 to 910 in joint_line``."""
+        low = "" if self.min is None else f" {self.min:g}" if self.max is not None else f" at least {self.min:g}"
+        high = "" if self.max is None else f" to {self.max:g}" if self.min is not None else f" at most {self.max:g}"
+        return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
+
+
+Kind = Literal["essential", "quality", "set_point"]
+
+
+class Check(NamedTuple):
+    """What every sample of a phase must be within."""
+
+    kind: Kind
+    variable: str
+    min: float | None
+    max: float | None
+    words: str
+    phases: tuple[str, ...] = ()  #: all, where empty
+
+
+class Acceptance(Sourced):
+    """What decides between accept, review and reject."""
+
+    tolerated_s: Annotated[float, Range(0.0, 10.0, "s")]
+    """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
+    tolerated_share: Annotated[float, Range(0.0, 1.0, "")] = 0.01
+    """outside a quality limit for a larger share of the time that it holds: review, however short each time (chosen)"""
+    tolerated_mm: Annotated[float, Range(0.0, 1e5, "mm")] | None = None
+    """outside a quality limit over more of the weld, all places together: review; left out: not judged"""
+    tolerated_hold_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
+    """programme held for longer, all times together: review; the tool then heats one place (chosen)"""
+    swaps_allowed: bool = False
+    """whether a swap to another permitted controller on request leaves the weld acceptable"""
+
+
+class RuleBook(Model):
+    """What every weld is judged by, whatever is welded."""
+
+    set_points: SetPoints
+    essential: Annotated[Many[Limit], Field(min_length=1)]
+    """essential variables: a weld with a sample outside is never accepted"""
+    quality: Many[Limit] = ()
+    """narrower limits: outside them the weld is for review"""
+    acceptance: Acceptance
+
+    @model_validator(mode="after")
+    def _check_set_points_inside_limits(self) -> Self:
+        """At its set-points a weld has no error, and is inside all essential limits."""
+        points = dict(self.set_points)
+        for key in ("essential", "quality"):
+            for row, limit in enumerate(getattr(self, key)):
+                if "_error_" in limit.variable and not limit.holds(0.0):
+                    raise problem("is impossible: a weld at its set-points, error 0, is outside", key, row)
+        for row, limit in enumerate(self.essential):
+            one = points.get(limit.variable)
+            if one is not None and not (limit.holds(one.min) and limit.holds(one.max)):
+                text = f"is impossible: set-points from {one.min:g} to {one.max:g} are permitted outside it"
+                raise problem(text, "essential", row)
+        return self
+
+    def checks(self) -> Iterator[Check]:
+        """All limits and the permitted set-points, in that order."""
+        for kind, one in self.limits():
+            yield Check(kind, one.variable, one.min, one.max, one.words, one.phases)
+        for name, point in self.set_points:
+            words = f"set-point {name} {point.min:g} to {point.max:g}"
+            yield Check("set_point", f"set_point_{name}", point.min, point.max, words)
+
+    def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
+        """All limits with their kind, the essential ones first."""
+        for limit in self.essential:
+            yield "essential", limit
+        for limit in self.quality:
+            yield "quality", limit
+
+
+@cache
+def default() -> RuleBook:
+    """By what a weld without a procedure is judged."""
+    return validate(RuleBook, content_of(read_text(_DEFAULT, "rule book"), str(_DEFAULT)), str(_DEFAULT))

@@ -1,0 +1,146 @@
+"""The weld so far, judged by the rules that its record is judged by."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.events import of_programme_states, of_states
+from fsw_analysis.headline import page_account
+from fsw_analysis.judgement import Account, judge
+from fsw_analysis.rule_book import RuleBook
+from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
+from fsw_control.contract import SENSORS
+from fsw_control.units import NANOSECONDS
+from fsw_control.validity import SensorGuard
+from fsw_hmi.frames import COLUMNS
+from fsw_hmi.hub import KEPT
+from fsw_hmi.weld_view import Row
+
+_SENSORS = dict(zip(SENSORS, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
+_OVER = ("done", "aborted")
+_UNSEEN = "the begin of the weld was before this page ran"
+
+
+class LiveWeld:
+    """Collects rows and reports of a weld; another programme that begins is another weld."""
+
+    def __init__(self, book: RuleBook) -> None:
+        self.book = book
+        self._state: tuple[Any, ...] | None = None
+        self._progress: Mapping[str, Any] | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Another weld begins."""
+        self._stamps_ns: list[int] = []
+        self._rows: list[tuple[float, ...]] = []  #: of ``COLUMNS`` after the time, then what the programme has
+        self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
+        self._phases: list[tuple[int, str]] = []
+        self._states: list[tuple[int, Any]] = []
+        self._programme: list[tuple[int, Any]] = []
+        self._problems: list[str] = []
+        self._guard = SensorGuard()
+        self._unusable = {sensor: Counter[str]() for sensor in SENSORS}
+
+    def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
+        """Take what the supervisor reports, as the page gets it, and its identity."""
+        names = ("interlocks", "reason", "cause", "by")
+        self._state = (state["actual_controller"], state["actual_mode"], leader, *(state[name] for name in names))
+
+    def on_progress(self, progress: Mapping[str, Any]) -> None:
+        """Take what the programme reports."""
+        before, self._progress = self._progress, progress
+        begins = before is None or (before["state"] in _OVER and progress["state"] not in _OVER)
+        if not begins:
+            return
+        self.forget()
+        if progress["angle_deg"] or progress["state"] in _OVER:
+            self._problems.append(_UNSEEN)
+
+    def add(self, row: Row, source: str) -> None:
+        """Take a tick, with whose command answered it."""
+        stamp_ns, values = row.stamp_ns, dict(zip(COLUMNS[1:], row.values, strict=True))
+        progress: Mapping[str, Any] = self._progress or {}
+        own = [progress.get(key) for key in ("depth_mm", "temperature_c", "length_mm")]
+        self._stamps_ns.append(stamp_ns)
+        self._rows.append((*row.values, *(nan if one is None else float(one) for one in own)))
+        state = self._state or ("", "", "", (), "", -1, "")
+        self._texts.append((source, state[0], state[1]))
+        changes: tuple[tuple[list[tuple[int, Any]], Any], ...]
+        changes = (self._states, state), (self._programme, progress.get("state", ""))
+        for found, value in changes:
+            if not found or found[-1][1] != value:
+                found.append((stamp_ns, value))
+        phase = progress.get("phase", "")
+        if phase and (not self._phases or self._phases[-1][1] != phase):
+            self._phases.append((stamp_ns, phase))
+        samples = {sensor: values[name] for sensor, name in _SENSORS.items() if isfinite(values[name])}
+        self._guard.measure(stamp_ns / NANOSECONDS, samples)
+        for sensor, reason in self._guard.reasons.items():
+            if reason:
+                self._unusable[sensor][reason] += 1
+        if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
+            for kept in (self._stamps_ns, self._rows, self._texts):
+                del kept[:KEPT]
+
+    def account(self) -> Account | None:
+        """The judgement of the weld so far; None before the first tick."""
+        return judge(self._signals(), self.book, running=True, unusable=self._unusable) if self._rows else None
+
+    def frame(self) -> dict[str, Any] | None:
+        """The judgement as the page gets it."""
+        account = self.account()
+        if account is None:
+            return None
+        stamp_ns = np.array(self._stamps_ns[:1])
+        return page_account(account, self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0]))
+
+    def _signals(self) -> WeldSignals:
+        stamp_ns = np.array(self._stamps_ns, np.int64)
+        time_s = experiment_time_s(stamp_ns)
+        shift_s = self._stamps_ns[0] / NANOSECONDS - float(time_s[0])
+        names = (*COLUMNS[1:], "programme_depth_mm", "programme_temperature_c", "travel_mm")
+        columns = dict(zip(names, np.array(self._rows).T, strict=True))
+        source, controller, mode = np.array(self._texts, object).T
+        without = ~np.isfinite(columns["programme_depth_mm"])  # no programme reports: the set-points in force
+
+        def at(entries: list[tuple[int, Any]]) -> list[tuple[float, Any]]:
+            return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]
+
+        phases = [(name, time) for time, name in at(self._phases)]
+        found = [WeldEvent(time, "phase", name) for name, time in phases]
+        found += [*of_programme_states(at(self._programme)), *of_states(at(self._states))]
+        return WeldSignals(
+            path=Path(),
+            stamp_ns=stamp_ns,
+            time_s=time_s,
+            depth_mm=columns["depth_mm"],
+            torque_nm=columns["torque_nm"],
+            temperature_c=columns["temperature_c"],
+            reference_depth_mm=columns["reference_depth_mm"],
+            reference_temperature_c=columns["reference_temperature_c"],
+            force_kn=columns["command_force_kn"],
+            speed_rpm=columns["command_speed_rpm"],
+            command_source=source,
+            command_reason=source,
+            command_latency_s=columns["latency_ms"],
+            actual_controller=controller,
+            actual_mode=mode,
+            drives=DriveSignals(columns["force_kn"], columns["speed_rpm"]),
+            problems=[*self._problems],
+            phases=phases,
+            events=sorted(found, key=lambda one: one.time_s),
+            programme_depth_mm=np.where(without, columns["reference_depth_mm"], columns["programme_depth_mm"]),
+            programme_temperature_c=np.where(
+                without, columns["reference_temperature_c"], columns["programme_temperature_c"]
+            ),
+            angle_deg=columns["angle_deg"],
+            travel_mm=columns["travel_mm"],
+        )
