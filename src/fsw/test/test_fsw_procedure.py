@@ -23,7 +23,7 @@ def test_diff(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other.write_text(SHIPPED.read_text(encoding="utf-8").replace("max: 1600.0", "max: 1500.0"), encoding="utf-8")
     assert main(["procedure", "diff", "copper_lid", str(other)]) == 1
     said = capsys.readouterr()
-    assert "essential[torque_nm].max" in said.out and "both are copper_lid revision A" in said.err
+    assert "essential[torque_nm].max" in said.out and "both are copper_lid revision B" in said.err
     assert main(["procedure", "diff", "copper_lid", str(SHIPPED)]) == 0
 
 

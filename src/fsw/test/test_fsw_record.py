@@ -52,7 +52,7 @@ def run(*arguments: object) -> int:
 
 def verdict(found: Record) -> str:
     """But for the rule that the weld ran by another procedure."""
-    return str(decide([one for one in found.rules if one.name != "procedure"])[0])
+    return str(decide([one for one in found.rules if one.name != "procedure"]).verdict)
 
 
 def with_changes(folder: Path, **changes: Any) -> Path:

@@ -17,8 +17,8 @@ from pydantic import Strict
 
 from fsw_analysis.course import Course, course_of, unusable_samples
 from fsw_analysis.exceedances import Exceedance, exceedances, holds
-from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.procedure import SENSOR_NAMES, Procedure, Sensor, tuning_sha256
+from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals

@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from fsw_analysis.weld_signals import IntArray
 from fsw_control import contract
@@ -23,7 +22,6 @@ from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
 from fsw_recorder.stamps import stamp_ns
-from fsw_schema.yaml_text import load_yaml
 
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
@@ -224,22 +222,3 @@ def stamp_of(message: Any) -> int:
         return int(stamp.sec * NANOSECONDS + stamp.nanosec)
     except AttributeError:
         return 0
-
-
-def recorded_parameters(attachments: Mapping[str, bytes], namespace: str, controller: str) -> dict[str, Any]:
-    """Parameters that a controller's node was recorded with, among the attachments of a bag.
-
-    Raises
-    ------
-    BagError
-        The bag does not have them, or they cannot be read.
-    """
-    node = f"{namespace}/fsw_{controller}"
-    data = attachments.get(f"parameters/{node.strip('/').replace('/', '.')}.yaml")
-    if data is None:
-        raise BagError(f"the bag has no parameters of {controller}")
-    try:
-        values = load_yaml(data.decode())[node]["ros__parameters"]
-        return {str(key): value for key, value in values.items()}
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, UnicodeDecodeError):
-        raise BagError(f"the parameters of {controller} in the bag cannot be read") from None

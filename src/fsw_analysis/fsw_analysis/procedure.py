@@ -134,6 +134,8 @@ class Procedure(RuleBook):
     """in their order"""
     controllers: Annotated[Many[Controller], Field(min_length=1)]
     sensors: Annotated[Many[Sensor], Field(min_length=1)]
+    extra: dict[Text, str | float | bool] = Field(default_factory=dict)
+    """what else a quality engineer asks for, e.g. of ISO 25239-4: WPQR, joint preparation, clamping, tilt; printed"""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -17,7 +17,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages, recorded_parameters
+from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages
+from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.contract import Command, Controller, Proposal, Reference

@@ -14,8 +14,8 @@ from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import judge
-from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.procedure import rule_book
+from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS

@@ -30,14 +30,14 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
                 publishers[cell].publish([line])
             for _ in range(len(WELDS) ** 2):  # a message for each page from each weld
                 graph.spin()
-            return all(watch.sensor_reasons for watch in watches.values())
+            return all(watch.sensor_states for watch in watches.values())
 
         graph.until(told, "the pages")
         for cell, watch in watches.items():
             shown = watch.parts()
             assert {node: [*parts] for node, parts in shown.items()} == {"fsw_supervisor": ["process"]}
             assert shown["fsw_supervisor"]["process"].text == WELDS[cell].text
-            assert watch.sensor_reasons["thermocouple"] == WELDS[cell].values["thermocouple state"]
+            assert watch.sensor_states["thermocouple"] == WELDS[cell].values["thermocouple state"]
     finally:
         for node in nodes:
             node.destroy_node()

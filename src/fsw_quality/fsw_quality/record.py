@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from platform import python_version
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Strict
+from pydantic import Field, Strict
 
 from fsw_analysis.course import Course
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded, beyond
@@ -40,6 +42,12 @@ _SAYS = {
     "/fsw/drives": "force and speed as the drives measure them",
     "/fsw/alarms": "whether there were alarms: the operator's page reports them, and no report was recorded",
 }
+
+
+#: custom data of a bag that the record has in fields of its own
+_KNOWN = (*IDENTITY, "lost_messages")
+#: share of a phase's ticks that must be on record for its heat input (chosen)
+_KNOWN_SHARE = 0.95
 
 
 class BagFile(Model):
@@ -142,6 +150,10 @@ class Record(Model):
     """whether the bag is as its manifest has it, and who attested it"""
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
+    extra: dict[str, str | float | bool] = Field(default_factory=dict)
+    """what else procedure and recorder say of the weld, e.g. operator's qualification, material heat, certificates"""
+    judged_with: dict[str, str] = Field(default_factory=dict)
+    """versions of this product and of the packages that computed the record"""
     start_ns: int
     """stamp of the first tick"""
     simulated_time: bool
@@ -240,6 +252,8 @@ def assemble(
         files=files,
         proof=tuple(proof),
         identity={key: custom[key] for key in IDENTITY if key in custom},
+        extra=dict(procedure.extra) | {key: value for key, value in custom.items() if key not in _KNOWN},
+        judged_with=judged_with(),
         start_ns=int(signals.stamp_ns[0]),
         simulated_time=evidence.stamp_ns is None,
         duration_s=course.time_s[-1] - course.time_s[0],
@@ -308,6 +322,15 @@ def welded(time_s: float, procedure: str, revision: str, sha256: str) -> WeldEve
     return WeldEvent(time_s, "procedure", procedure, data={"revision": revision, "sha256": sha256})
 
 
+def judged_with() -> dict[str, str]:
+    """Versions of this product and of the packages that compute a record."""
+    try:
+        own = version("fsw-control")
+    except PackageNotFoundError:  # imported from the source tree
+        own = "source"
+    return {"fsw-control": own} | {name: version(name) for name in ("numpy", "scipy")} | {"python": python_version()}
+
+
 def files_of(bag: Path) -> tuple[BagFile, ...]:
     """The files of a bag that a record names, with their hashes."""
     with BagReader(bag) as reader:
@@ -372,7 +395,6 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
     known = travel[np.isfinite(travel)]
     travelled = round(float(known[-1] - known[0]), 6) if known.size else None
     sensors = np.stack([values[key] for key in ("depth_mm", "torque_nm", "temperature_c")])
-    heat = float(np.sum(power)) * TICK_S / travelled if travelled and np.isfinite(power).all() else None
     return PhaseRecord(
         phase=name,
         begin_s=time_s[0],
@@ -386,8 +408,21 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
             for key in ("torque_nm", "force_kn", "speed_rpm", "power_kw", "traverse_mm_per_min")
             if (envelope := _envelope(values[key])) is not None
         },
-        heat_input_kj_per_mm=heat,
+        heat_input_kj_per_mm=_heat_input(time_s, power, travel),
     )
+
+
+def _heat_input(time_s: FloatArray, power_kw: FloatArray, travel_mm: FloatArray) -> float | None:
+    """Mean power over mean speed: of some missing samples it does not depend."""
+    places = np.flatnonzero(np.isfinite(travel_mm))
+    known = np.isfinite(power_kw)
+    if places.size < 2 or known.mean() < _KNOWN_SHARE:
+        return None
+    first, last = places[[0, -1]]
+    travelled_mm = float(travel_mm[last] - travel_mm[first])
+    if travelled_mm <= 0.0:
+        return None
+    return float(power_kw[known].mean()) * float(time_s[last] - time_s[first]) / travelled_mm
 
 
 def _statistics(error: FloatArray, procedure: Procedure, variable: str, phase: str) -> Statistics | None:

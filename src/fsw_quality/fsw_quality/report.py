@@ -36,7 +36,7 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)
     body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images)
-    title = f"Weld {record.bag}"
+    title = record.identity.get("canister") or f"Weld {record.bag}"
     whole = {
         JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
         PAGE: page("fsw_quality", "record.html.j2", title=title, body=body).encode(),

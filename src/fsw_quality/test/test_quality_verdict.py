@@ -360,9 +360,54 @@ def test_figures_of_a_phase() -> None:
     weld.depth_mm += np.where(np.arange(TICKS) % 2, 0.02, -0.01)
     dwell, joint_line, whole = judged(weld).phases
     assert dwell.heat_input_kj_per_mm is None and joint_line.travel_mm == pytest.approx(10.0, abs=0.2)
-    # 1050 N m at 407.576 rpm are 44.815 kW, for 5.1 s over 10 mm
-    assert joint_line.heat_input_kj_per_mm == pytest.approx(44.815 * 5.1 / joint_line.travel_mm, rel=1e-4)
+    # 1050 N m at 407.576 rpm are 44.815 kW, at 2 mm/s
+    assert joint_line.heat_input_kj_per_mm == pytest.approx(44.815 / 2.0, rel=1e-4)
     assert whole.depth_mm is not None and whole.depth_mm.inside_share == 1.0
     assert (whole.depth_mm.mean, whole.depth_mm.sigma) == pytest.approx((0.005, 0.015))
     assert whole.depth_mm.iae == pytest.approx(0.1 * (30 * 0.02 + 30 * 0.01))
     assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(120.0, rel=0.01)
+
+
+def test_heat_input_survives_a_missing_sample_but_not_many() -> None:
+    weld = good_weld()
+    weld.torque_nm[30] = np.nan
+    assert judged(weld).phases[1].heat_input_kj_per_mm == pytest.approx(44.815 / 2.0, rel=1e-4)
+    weld.torque_nm[30:40] = np.nan
+    assert judged(weld).phases[1].heat_input_kj_per_mm is None
+
+
+@pytest.mark.parametrize(
+    ("tool", "custom", "broken"),
+    [
+        ({"id": "T7"}, {"tool": "T7"}, set()),
+        ({"id": "T7"}, {"tool": "T8"}, {"tool"}),
+        ({"id": "T7"}, {}, {"tool"}),
+        ({}, {"machine": "purpose-built welding machine, 2003"}, set()),
+        ({}, {"machine": "another"}, {"machine"}),
+        ({"life_mm": 100.0}, {"tool_used_mm": "80"}, set()),
+        ({"life_mm": 100.0}, {"tool_used_mm": "95"}, {"tool_life"}),
+        ({"life_mm": 100.0}, {}, {"tool_life"}),
+    ],
+)
+def test_tool_and_machine_are_compared_with_the_weld(
+    tool: dict[str, Any], custom: dict[str, str], broken: set[str]
+) -> None:
+    procedure = short_procedure(tool=PROCEDURE.tool.model_dump(exclude_none=True) | tool)
+    record = judged(good_weld(), procedure, COMPLETE | custom)
+    assert {one.name for one in record.rules if one.verdict is not Verdict.ACCEPT} == broken
+
+
+def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:
+    procedure = short_procedure(extra={"wpqr": "17-3", "tilt_deg": 0.0})
+    record = judged(good_weld(), procedure, COMPLETE | {"material_heat": "H42", "canister": "C001"})
+    assert record.extra == {"wpqr": "17-3", "tilt_deg": 0.0, "material_heat": "H42"}
+    assert record.identity == {"canister": "C001"} and record.judged_with.keys() >= {"fsw-control", "numpy"}
+
+
+def test_a_programme_that_is_held_for_long_is_for_review() -> None:
+    weld = good_weld()
+    weld.events[:0] = [WeldEvent(1.0, "weld", "held"), WeldEvent(3.0, "weld", "resumed")]
+    strict = PROCEDURE.acceptance.model_dump() | {"tolerated_hold_s": 1.9}
+    rule = judged(weld, short_procedure(acceptance=strict)).deciding
+    assert (rule.name, rule.figure) == ("hold", "1 times, 2.0 s")
+    assert judged(weld).verdict is Verdict.ACCEPT
