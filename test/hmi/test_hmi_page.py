@@ -345,8 +345,10 @@ def test_stop_is_followed_until_the_force_is_safe(fake, open_page):
 def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_page):
     page = ready(open_page(fake.url))
     expect(page.locator("#map h2")).to_have_text("Weld, unrolled 143° welded, nowhere outside the limits")
+    expect(page.locator("#verdict strong")).to_have_text("Good")
     fake.account = good_account(PLACE)
     fake.push()
+    expect(page.locator("#verdict")).to_have_attribute("data-level", "medium")
     mark = page.locator(".exceedances button")
     told = re.compile(r"Depth error outside, 143° to 144°, \d\d:\d\d:\d\d")
     expect(mark).to_have_attribute("aria-label", told)

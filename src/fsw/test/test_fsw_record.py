@@ -75,7 +75,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words += ["--identity", "canister=C-1", "--identity", "tool=T-4"]
     assert main([*words, "--out", str(folder / "out")]) == 0
     bag = folder / "out" / "graph_decentral_tight" / "bag"
-    wait_until((bag / "on_finished.log").exists, "the record that is written by itself")
+    log = bag / "on_finished.log"
+    wait_until(lambda: log.exists() and "exit code" in log.read_text("utf-8"), "the record that is written by itself")
     return bag
 
 
