@@ -229,7 +229,7 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     drawing = load("draw_state_machine")
     shown = drawing.svg_diagram()
     assert all(f">{mode}<" in shown for mode in drawing.Mode)
-    assert all(f">{trigger}<" in shown for trigger in {row.trigger for row in drawing.TRANSITIONS})
+    assert all(f">{trigger.word}<" in shown for trigger in {row.trigger for row in drawing.TRANSITIONS})
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 

@@ -46,7 +46,7 @@ def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureF
     assert "C-2: attested as weld 2" in capsys.readouterr().out
     assert run("verify-evidence", *bags, "--chain", chain) == 0
     out = capsys.readouterr().out
-    assert "intact, 2 welds, the last is 2: " in out and "weld 1; procedure copper_lid revision A; canister C-1" in out
+    assert "intact, 2 welds, the last is 2: " in out and "weld 1; procedure copper_lid revision B; canister C-1" in out
     assert run("verify-evidence", "--chain", chain) == 0
 
 

@@ -86,4 +86,4 @@ def test_a_procedure_that_cannot_be_used_is_one_line(
     (tmp_path / "bad.yaml").write_text("format: fsw_weld_procedure\n")
     assert main(["procedure", "--ros-args", "-p", f"procedure:={tmp_path / 'bad.yaml'}"]) == 2
     error = capsys.readouterr().err
-    assert "bad.yaml: lacks version" in error and error.count("\n") == 1
+    assert "bad.yaml: lacks " in error and "lacks version" in error and error.count("\n") == 1
