@@ -45,7 +45,9 @@ from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_quality.attestation import Attestation
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
+from fsw_recorder.findings import Code
 from fsw_recorder.manifest import Manifest
+from fsw_recorder.signature import KeyList, Statement
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
@@ -179,6 +181,9 @@ def model_tables(model: type[Model], heading: str = "##") -> list[str]:
     for name, one in [("", schema), *schema.get("$defs", {}).items()]:
         required = one.get("required", [])
         rows = []
+        if "enum" in one:
+            lines += ["", f"{heading} {title(name)}", "", one.get("description", ""), "", allowed(one)]
+            continue
         for key, value in one["properties"].items():
             default = f"`{json.dumps(value['default'])}`" if "default" in value else "needed" if key in required else ""
             rows.append((f"`{key}`", allowed(value), default, value.get("description", "").replace("\n", " ")))
@@ -256,6 +261,20 @@ def evidence() -> dict[str, str]:
         "",
         "## attestation.json",
         *model_tables(Attestation, "###"),
+        "",
+        "## Signature",
+        "",
+        "The payload of the envelope in a file `.sig`.",
+        *model_tables(Statement, "###"),
+        "",
+        "## List of trusted keys",
+        *model_tables(KeyList, "###"),
+        "",
+        "## Codes",
+        "",
+        "Of findings, with the words of each.",
+        "",
+        *table(("code", "words"), [(f"`{code}`", code.words) for code in Code]),
     ]
     return {"evidence": page("Evidence files", *lines)}
 

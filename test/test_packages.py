@@ -103,6 +103,7 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "securesystemslib",
     "pandas",
     "xarray",
     "control",

@@ -15,7 +15,9 @@ from typing import Any
 
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
-from fsw_quality import attestation, history, history_report, report, signature
+from fsw_quality import attestation, history, history_report, report
+from fsw_quality.evidence import Subject, attest
+from fsw_recorder import signature
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
@@ -61,12 +63,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     missed = _tell(said, chosen.welds)
-    chain = attestation.read_chain(folder / "chain", [signature.load_public(_key(folder).with_suffix(".pub"))])
-    for problem in chain.problems:
-        print(f"chain: {problem}")
-    print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.problems else 'intact'}")
+    chain = attestation.read_chain(folder / "chain", signature.load_trusted([signature.public_path(_key(folder))]))
+    for entry in chain.findings:
+        print(f"chain: {entry.line}")
+    print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
     print(f"written: {', '.join(str(folder / one) for one in ('report.html', 'history', 'chain', 'welds'))}")
-    return 1 if missed or chain.problems else 0
+    return 1 if missed or chain.findings else 0
 
 
 def _end_deg(folder: Path, joint_line_deg: float) -> float:
@@ -94,7 +96,7 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
     if not _key(folder).exists():
         signature.make_key(_key(folder), "weld_series")
     key = signature.load_private(_key(folder))
-    procedure = series_procedure(end_deg).identity
+    procedure = series_procedure(end_deg)
     there = history.load(folder / "history")["weld"].to_pylist() if (folder / "history").is_dir() else []
     print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
     prepare(PlantConfig.from_values(parse(scenario_text(1, end_deg), "series").plant))
@@ -119,7 +121,7 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
     bag, record = place / "bag", place / "record"
     if not (bag / (attestation.ATTESTATION_NAME + signature.SUFFIX)).exists():
         documents = [record / name for name in (report.JSON, report.PAGE, report.PDF) if (record / name).exists()]
-        attestation.attest(bag, folder / "chain", key, datetime.now(UTC), procedure, documents)
+        attest(Subject(bag, procedure, documents=documents), folder / "chain", key, datetime.now(UTC))
 
 
 def _tell(said: Sequence[tuple[str, str]], welds: int) -> int:

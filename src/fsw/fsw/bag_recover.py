@@ -10,11 +10,11 @@ from fsw.command import command, option, switch
 from fsw.errors import CommandError
 from fsw.progress import ProgressBar
 from fsw_quality.attestation import ATTESTATION_NAME
-from fsw_quality.signature import SUFFIX
 from fsw_recorder import recover as recovering
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.recover_proven import recover_proven
+from fsw_recorder.signature import SUFFIX
 from fsw_recorder.topic import TopicSelection
 
 

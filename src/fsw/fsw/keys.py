@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from fsw.command import Option, file, repeated
-from fsw_quality.signature import default_key, load_private
-
-
-def public_keys(text: str) -> Option:
-    """The option for keys of signers that are trusted."""
-    return repeated("--key", "FILE.pub", text, type=Path)
-
+from fsw.command import file, repeated, switch
+from fsw_recorder.signature import SigningKey, TrustedKey, default_key, load_private, load_trusted
 
 PRIVATE_KEY = file("--key", "private key that signs (default: that of 'fsw.py bag keygen')")
+TRUSTED = repeated(
+    "--trusted",
+    "FILE",
+    "public key of a trusted signer, or a list of them with purposes and validity (YAML)",
+    type=Path,
+)
+REQUIRE_SIGNED = switch("--require-signed", "refuse a procedure and a manifest that nobody signed")
 
 
-def private_key(arguments: argparse.Namespace) -> Any:
+def private_key(arguments: argparse.Namespace) -> SigningKey:
     """The key that signs."""
-    chosen: Path = arguments.key or default_key()
-    return load_private(chosen)
+    return load_private(arguments.key or default_key())
+
+
+def trusted_keys(arguments: argparse.Namespace, default: Sequence[Path] = ()) -> tuple[TrustedKey, ...]:
+    """The keys whose signatures count."""
+    return load_trusted(arguments.trusted or default)

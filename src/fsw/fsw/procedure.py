@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 from fsw.command import FORCE, command, group, option
 from fsw.console import print_table
-from fsw.errors import CommandError
-from fsw.keys import PRIVATE_KEY, private_key, public_keys
+from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
 from fsw.outputs import check_new, write_text
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
-from fsw_quality.procedure import Procedure, differences, load, shipped
+from fsw_quality.procedure import Procedure, differences, load, shipped, signer_of
 from fsw_quality.procedure_limits import check_possible, node_parameters
-from fsw_quality.signature import load_public, sign, signature_path, verify_file
+from fsw_recorder.signature import Purpose, sign, signature_path
 from fsw_schema.files import read_regular
 from fsw_schema.models import content_of, validate
 
@@ -31,17 +31,16 @@ _NAME = f"YAML file, or one of {', '.join(shipped())}"
     "procedure check",
     "whether a procedure can be used; prints its identity and hash",
     option("procedure", help=_NAME),
-    public_keys("public key by which it must be signed (default: a signature is optional)"),
+    TRUSTED,
+    REQUIRE_SIGNED,
 )
 def check(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
-    signer = verify_file(Path(arguments.procedure), [load_public(path) for path in arguments.key] or None)
-    if arguments.key and signer is None:
-        raise CommandError(f"{arguments.procedure}: is not signed; 'fsw.py procedure sign' signs it")
+    signer = signer_of(arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed)
     node_parameters(procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     check_possible(procedure)
     print(_identity(procedure))
-    print(f"signed by key {signer.fingerprint}" if signer else "not signed")
+    print(f"signed by {signer.words}" if signer else "not signed")
     return 0
 
 
@@ -60,7 +59,7 @@ def signed(arguments: argparse.Namespace) -> int:
     check_new([target], arguments.force)
     data = read_regular(path)
     procedure = validate(Procedure, content_of(data.decode("utf-8", "replace"), str(path)), str(path))
-    write_text(target, sign(data, private_key(arguments)))
+    write_text(target, sign(data, path.name, Purpose.PROCEDURE, private_key(arguments), datetime.now(UTC)))
     print(f"{_identity(procedure)}\nsignature: {target}")
     return 0
 

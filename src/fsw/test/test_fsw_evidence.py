@@ -12,7 +12,7 @@ from fsw.main import main
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
-pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
 
 
 def weld(folder: Path, shift_ns: int = 0) -> Path:
@@ -43,14 +43,36 @@ def test_from_key_to_proof(tmp_path: Path, config: Path, capsys: pytest.CaptureF
     assert run("keygen") == 0
     assert (config / "evidence_key").exists() and "SHA256:" in capsys.readouterr().out
     assert run("attest", *bags, "--chain", chain, "--procedure", "copper_lid") == 0
-    assert "C-2: attested as weld 2" in capsys.readouterr().out
-    assert run("verify-evidence", *bags, "--chain", chain) == 0
-    out = capsys.readouterr().out
-    assert "intact, 2 welds, the last is 2: " in out and "weld 1; procedure copper_lid revision B; canister C-1" in out
+    found = tmp_path / "found.json"
+    assert run("verify-evidence", *bags, "--chain", chain, "--json", found) == 0
+    out, content = capsys.readouterr().out, json.loads(found.read_text())
+    assert "intact, 2 welds" in out and "C-1: proven: weld 1" in out and out.count("attestation signed by key") == 2
+    assert content["chain"] == [] and [one["proven"] for one in content["bags"]] == [True, True]
+    assert {"manifest_unsigned", "procedure_unsigned", "all_keys"} <= {
+        one["code"] for one in content["bags"][0]["not_checked"]
+    }
     assert run("verify-evidence", "--chain", chain) == 0
+    assert run("verify-evidence", *bags, "--require-signed") == 1
+    again = weld(tmp_path / "more" / "C-1", 3)
+    capsys.readouterr()
+    assert run("attest", again, "--chain", chain) == 1
+    assert "canister C-1 was welded as weld 1" in capsys.readouterr().err
+    assert run("attest", again, "--chain", chain, "--repeat") == 0
 
 
-def test_damage_is_told_and_what_is_proven_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag, keys = weld(tmp_path / "C-1"), tmp_path / "keys.yaml"
+    assert run("keygen") == run("attest", bag, "--chain", tmp_path / "chain") == 0
+    entry = {"name": "quality", "key": (config / "evidence_key.pub").read_text(), "valid_until": "2020-01-01"}
+    keys.write_text(json.dumps({"format": "fsw_trusted_keys", "version": 1, "keys": [entry]}))
+    capsys.readouterr()
+    assert run("verify-evidence", bag, "--trusted", keys, "--json", tmp_path / "found.json") == 1
+    [found] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
+    assert found["code"] == "key_expired" and found["data"]["name"] == "quality"
+    assert "signed by quality" in capsys.readouterr().out
+
+
+def test_damage_is_located_and_what_is_proven_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = weld(tmp_path / "C-1")
     assert run("keygen", tmp_path / "key") == 0
     assert run("attest", bag, "--chain", tmp_path / "chain", "--key", tmp_path / "key") == 0
@@ -59,11 +81,11 @@ def test_damage_is_told_and_what_is_proven_recovered(tmp_path: Path, capsys: pyt
     content[len(content) // 2] ^= 1
     file.write_bytes(content)
     capsys.readouterr()
-    words = ("--key", tmp_path / "key.pub", "--json", tmp_path / "found.json")
+    words = ("--trusted", tmp_path / "key.pub", "--json", tmp_path / "found.json")
     assert run("verify-evidence", bag, *words) == 1
     assert "C-1_0.mcap: chunk " in capsys.readouterr().out
     [finding] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
-    assert finding["file"] == "C-1_0.mcap" and len(finding["pieces"]) == 1
+    assert finding["file"] == "C-1_0.mcap" and len(finding["pieces"]) == 1 and finding["code"] == "changed"
     assert run("recover", bag, tmp_path / "proven", "--proven") == 0
     said = capsys.readouterr()
     assert "chunks and attachments proven" in said.out and "chunk " in said.err
@@ -71,6 +93,7 @@ def test_damage_is_told_and_what_is_proven_recovered(tmp_path: Path, capsys: pyt
     assert run("recover", bag, tmp_path / "more", "--proven", "--zstd") == 1
     assert run("recover", bag, tmp_path / "all") == 0
     assert "stays so with --proven" in capsys.readouterr().err
+    assert run("attest", tmp_path / "all", "--chain", tmp_path / "other", "--key", tmp_path / "key") == 1
 
 
 def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -82,20 +105,21 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
     capsys.readouterr()
     for words, said in (
         (("keygen", key), "a key is never replaced"),
-        (("attest", bag, "--chain", chain, "--key", open_key), "others may read or change it (mode 644); chmod 600"),
-        (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "others may read"),
+        (("attest", bag, "--chain", chain, "--key", open_key), "chmod 600"),
+        (("attest", bag, "--chain", chain, "--key", tmp_path / "key.pub"), "chmod 600"),
         (("attest", tmp_path / "none", "--chain", chain, "--key", key), "is not the folder of a bag"),
         (("attest", bag, "--chain", chain, "--key", key, "--procedure", "no_such"), "cannot read procedure no_such"),
         (("attest", bag, "--chain", chain, "--key", key, "--with", tmp_path / "none.json"), "No such file"),
+        (("attest", bag, "--chain", chain, "--key", key, "--require-signed"), "manifest.json: "),
         (("verify-evidence",), "give bags, or --chain, or both"),
         (("verify-evidence", bag), "evidence_key.pub: No such file"),
-        (("verify-evidence", bag, bag, "--with", "x", "--key", f"{key}.pub"), "--with needs exactly one bag"),
+        (("verify-evidence", bag, bag, "--with", "x", "--trusted", f"{key}.pub"), "--with needs exactly one bag"),
         (("recover", bag / "C-1_0.mcap", tmp_path / "new", "--proven"), "nothing can be proven without manifest.json"),
     ):
         assert run(*words) == 1
         error = capsys.readouterr().err.strip()
         assert said in error and "\n" not in error, words
-    assert run("verify-evidence", bag, "--key", f"{key}.pub") == 1  # never attested
+    assert run("verify-evidence", bag, "--trusted", f"{key}.pub") == 1  # never attested
     assert "attestation.json: " in capsys.readouterr().out
-    assert run("verify-evidence", "--chain", tmp_path / "no_chain", "--key", f"{key}.pub") == 1
+    assert run("verify-evidence", "--chain", tmp_path / "no_chain", "--trusted", f"{key}.pub") == 1
     assert "there is no attested weld in it" in capsys.readouterr().out

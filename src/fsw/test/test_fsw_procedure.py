@@ -67,7 +67,7 @@ def test_limits_that_its_own_set_points_violate_are_refused(
 def test_a_signed_revision_is_not_edited_unnoticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     mine, key, other = tmp_path / "mine.yaml", tmp_path / "key", tmp_path / "other"
     mine.write_bytes(SHIPPED.read_bytes())
@@ -77,14 +77,16 @@ def test_a_signed_revision_is_not_edited_unnoticed(
         said = capsys.readouterr()
         return code, said.out + said.err
 
-    assert run("procedure", "check", mine, "--key", "none.pub")[0] == 1
+    assert run("procedure", "check", mine, "--trusted", "none.pub")[0] == 1
     assert run("procedure", "sign", mine)[0] == 1  # no key yet
     assert run("bag", "keygen", key)[0] == run("bag", "keygen", other)[0] == 0
-    assert "is not signed" in run("procedure", "check", mine, "--key", f"{key}.pub")[1]
+    for words in (("procedure", "check", mine), ("record", tmp_path, "--procedure", mine, "--out", tmp_path / "out")):
+        code, said = run(*words, "--require-signed")
+        assert code == 1 and "has no signature" in said
     assert run("procedure", "sign", mine, "--key", key)[0] == 0
     assert "signed by key SHA256:" in run("procedure", "check", mine)[1]
-    assert run("procedure", "check", mine, "--key", f"{key}.pub")[0] == 0
-    assert "which is not the trusted one" in run("procedure", "check", mine, "--key", f"{other}.pub")[1]
+    assert run("procedure", "check", mine, "--trusted", f"{key}.pub", "--require-signed")[0] == 0
+    assert "which is not a trusted one" in run("procedure", "check", mine, "--trusted", f"{other}.pub")[1]
     assert "exists; choose another name, or give --force" in run("procedure", "sign", mine, "--key", key)[1]
     mine.write_text(mine.read_text(encoding="utf-8").replace("max: 910.0", "max: 911.0"), encoding="utf-8")
     for words in (("check", mine), ("show", mine), ("diff", "copper_lid", mine)):

@@ -115,7 +115,7 @@ def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytes
     assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
-    assert found.proof == ("2 files as manifest.json has them", "not attested when this was written")
+    assert len(found.proof) == 3 and found.proof[0] == "2 files as manifest.json has them"
     edge = next(one for one in found.exceedances if one.duration_s > 0.3)
     assert 6.0 <= edge.begin_s <= 6.3 and edge.phases == ("joint_line",) and edge.commanded_by == "decentral"
     assert edge.beyond == pytest.approx(0.1, abs=0.03)
@@ -128,6 +128,26 @@ def test_record_of_a_recorded_weld(recorded: Path, tmp_path: Path, capsys: pytes
     page = (tmp_path / "out" / "record.html").read_text(encoding="utf-8")
     assert "REVIEW" in page and page.count("data:image/png;base64,") == 2 and "http" not in page.partition("<body")[2]
     assert (tmp_path / "out" / "record.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judged again it gives the same record, by the procedure that is in the bag."""
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
+    written = [bag / "record" / name for name in report.files()]
+    words = [word for path in written for word in ("--with", str(path))]
+    assert main(["bag", "keygen"]) == 0
+    assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain"), *words]) == 0
+    found = tmp_path / "found.json"
+    assert main(["bag", "verify-evidence", str(bag), "--chain", str(tmp_path / "chain"), "--json", str(found)]) == 0
+    [result] = json.loads(found.read_text(encoding="utf-8"))["bags"]
+    assert result["attestation"]["procedure"]["sha256"] == procedure.load(with_changes(tmp_path)).sha256
+    codes = {(one["code"], one["file"]) for one in result["not_checked"]}
+    assert {("not_judged_again", f"record/{name}") for name in report.files()} <= codes
 
 
 @pytest.mark.slow

@@ -2,69 +2,80 @@
 
 ``attestation.json`` in the folder of a bag, beside the recorder's ``manifest.json``, says which manifest, files,
 procedure and software belong together; ``attestation.json.sig`` is its signature. The folder of the chain has a copy of
-each by its number, so that a weld that is removed later leaves a hole.
+each by its number, so that a weld that is removed later leaves a hole. ``evidence.py`` makes and verifies them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Literal
 
-from fsw_quality import signature
+from pydantic import AwareDatetime, Strict
+
 from fsw_quality.procedure import Identity
-from fsw_quality.signature import LibraryMissingError, PublicKey
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
-from fsw_recorder.bag_reader import SUFFIXES, BagReader
+from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.clock_source import UNKNOWN
 from fsw_recorder.errors import BagError
+from fsw_recorder.findings import Code, EvidenceError, Finding, finding, summary
 from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
-from fsw_recorder.manifest_check import Finding, check_files, complete
-from fsw_schema.files import locked, read_regular, write_whole
+from fsw_recorder.manifest_check import check_files, complete
+from fsw_recorder.signature import LibraryMissingError, Purpose, Signer, TrustedKey, signature_path, verify_file
+from fsw_schema.files import read_regular
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
-
-if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 ATTESTATION_NAME = "attestation.json"
 #: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
 IDENTITY = ("canister", "lid", "tool", "machine")
-_MOST_FINDINGS = 5
+#: clocks of two computers may differ by so much (chosen)
+CLOCKS = timedelta(seconds=60)
 
 
 class Attestation(Model):
     """Content of attestation.json."""
 
     format: Literal["fsw_weld_attestation"] = "fsw_weld_attestation"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     number: int
     """place in the chain, from 1"""
     previous_sha256: str | None = None
     """of the attestation before it; the first has none"""
+    repeats: int | None = None
+    """number of the earlier weld of the same canister and lid, where it was welded again on purpose"""
     bag: str
     """name of the folder, of one called ``bag`` with that of its parent"""
     identity: dict[str, str]
-    """canister, lid, tool and machine, as far as the recorder was told"""
+    """canister, lid, tool and machine, as they were given to the recorder"""
     manifest_sha256: str
     """of manifest.json"""
+    recorder: Signer | None = None
+    """who signed the manifest when the bag was closed"""
     files_sha256: dict[str, str]
     """of the files of the bag"""
     attachments_sha256: dict[str, str]
     """of the files inside the bag: scenario, software versions, parameters of every node"""
     procedure: Identity | None = None
+    procedure_signer: Signer | None = None
     software: dict[str, str]
     documents_sha256: dict[str, str]
     """of files that were attested together with the bag, e.g. the record of the weld"""
-    notes: Many[str]
+    notes: Many[Finding]
     """what was not as it should be when it was attested"""
-    attested_at: str
-    """by the clock of the machine that signed"""
+    attested_at: Annotated[AwareDatetime, Strict(False)]
+    """by the clock of the computer that signed"""
 
     def text(self) -> str:
         """As it is written and signed."""
         return self.model_dump_json(indent=1, exclude_none=True) + "\n"
+
+    @property
+    def welded(self) -> dict[str, str]:
+        """Canister and lid, which are welded once; empty where they are unknown."""
+        return {key: self.identity[key] for key in IDENTITY[:2] if key in self.identity and "canister" in self.identity}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +85,7 @@ class Signed:
     path: Path
     data: bytes
     content: Attestation
-    signer: PublicKey
+    signer: Signer
 
     @property
     def sha256(self) -> str:
@@ -82,7 +93,7 @@ class Signed:
         return sha256(self.data)
 
 
-def read_signed(path: Path, trusted: Sequence[PublicKey] | None) -> Signed:
+def read_signed(path: Path, trusted: Sequence[TrustedKey] | None) -> Signed:
     """An attestation with its signature, checked; without ``trusted`` keys, any will do.
 
     Raises
@@ -90,16 +101,9 @@ def read_signed(path: Path, trusted: Sequence[PublicKey] | None) -> Signed:
     InputError
         One of the two is missing or damaged, or the signature is not one of a trusted key.
     """
-    signature_path = signature.signature_path(path)
-    try:
-        data, armoured = read_regular(path), read_regular(signature_path).decode("ascii", errors="replace")
-    except OSError as error:
-        raise InputError(f"{error.filename}: {error.strerror}") from None
-    try:
-        signer = signature.verify(data, armoured, trusted)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return Signed(path, data, validate(Attestation, json_content_of(data.decode(), str(path)), str(path)), signer)
+    signer = verify_file(path, Purpose.ATTESTATION, trusted, path.name)
+    data = read_regular(path)
+    return Signed(path, data, validate(Attestation, json_content_of(data.decode(), path.name), path.name), signer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,144 +112,91 @@ class Chain:
 
     folder: Path
     entries: tuple[Signed, ...] = ()
-    problems: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def of(self, files_sha256: Mapping[str, str]) -> Signed | None:
         """The entry that has one of these MCAP or sqlite3 files."""
-        wanted = _data_files(files_sha256)
-        return next((one for one in self.entries if wanted & _data_files(one.content.files_sha256)), None)
+        data = data_files(files_sha256)
+        return next((entry for entry in self.entries if data & data_files(entry.content.files_sha256)), None)
 
 
-def read_chain(folder: Path, trusted: Sequence[PublicKey]) -> Chain:
+def read_chain(folder: Path, trusted: Sequence[TrustedKey]) -> Chain:
     """All attestations of a chain: their signatures, their order, whether one is missing or was exchanged.
 
     A chain that was cut off at its end is intact in itself: compare its last number and hash with what was noted.
     """
     names = sorted(path for path in folder.glob("*.json") if path.stem.isdecimal()) if folder.is_dir() else []
-    entries, problems = [], []
-    seen: dict[str, int] = {}
+    entries: list[Signed] = []
+    findings: list[Finding] = []
     before: Signed | None = None
-    expected, unusable, since = 1, "", 0
-    for path in names:
+    for expected, path in zip([1, *(int(path.stem) + 1 for path in names)], names, strict=False):
         number = int(path.stem)
         if number != expected:
-            gap = f"weld {expected} is" if number == expected + 1 else f"welds {expected} to {number - 1} are"
-            problems.append(f"{folder}: {gap} missing")
+            findings.append(finding(Code.GAP, path.name, first=expected, last=number - 1))
             before = None
         try:
-            one = read_signed(path, trusted)
-        except InputError as error:
-            text = str(error).removeprefix(f"{path}: ")
-            if text == unusable and number == expected:  # by a wrong key all are signed: one line, not one for each
-                problems[-1] = f"{folder}: weld {since} and those after it, to {number}: {text}"
-            else:
-                problems.append(str(error))
-                unusable, since = text, number
-            before, expected = None, number + 1
+            entry = read_signed(path, trusted)
+        except EvidenceError as error:
+            findings += error.findings
+            before = None
             continue
-        unusable = ""
-        if one.content.number != number:
-            problems.append(f"{path}: is the attestation of weld {one.content.number}, not of weld {number}")
-        if before is not None and one.content.previous_sha256 != before.sha256:
-            problems.append(f"{path}: does not follow {before.path.name}, which was exchanged after it")
-        for name in _data_files(one.content.files_sha256):
-            if (first := seen.setdefault(name, number)) != number:
-                problems.append(f"{path}: is a second attestation of the weld of number {first}")
-                break
-        entries.append(one)
-        before, expected = one, number + 1
-    return Chain(folder, tuple(entries), tuple(problems))
+        findings += _place_findings(entry, number, before)
+        entries.append(entry)
+        before = entry
+    return Chain(folder, tuple(entries), (*findings, *doubled(entries)))
 
 
-def _data_files(files_sha256: Mapping[str, str]) -> set[str]:
+def _place_findings(entry: Signed, number: int, before: Signed | None) -> Iterator[Finding]:
+    """What is wrong with the place of an attestation in its chain, behind the one ``before``."""
+    content = entry.content
+    if content.number != number:
+        yield finding(Code.WRONG_NUMBER, entry.path.name, number=content.number, expected=number)
+    times = {"attested": content.attested_at, "signed": entry.signer.signed_at}
+    if before is not None:
+        if content.previous_sha256 != before.sha256:
+            yield finding(Code.BROKEN_LINK, entry.path.name, before=before.path.name)
+        times = {f"attestation of weld {before.content.number}": before.content.attested_at, **times}
+    yield from order_findings(entry.path.name, times)
+
+
+def doubled(entries: Sequence[Signed]) -> list[Finding]:
+    """Bags and canisters that are in a chain twice."""
+    findings: list[Finding] = []
+    bags: dict[str, Attestation] = {}
+    canisters: dict[str, Attestation] = {}
+    for path, content in ((entry.path, entry.content) for entry in entries):
+        hashes, canister = data_files(content.files_sha256), identity_words(content.welded)
+        other, earlier = next((bags[key] for key in hashes if key in bags), None), canisters.get(canister)
+        if other is not None:
+            findings.append(finding(Code.ATTESTED_TWICE, path.name, number=other.number, bag=other.bag))
+        elif canister and earlier is not None and (content.repeats or 0) < earlier.number:
+            findings.append(finding(Code.CANISTER_TWICE, path.name, identity=canister, number=earlier.number))
+        bags |= dict.fromkeys(hashes, content)
+        canisters[canister] = content
+    return findings
+
+
+def order_findings(file: str, times: Mapping[str, datetime | None]) -> list[Finding]:
+    """What of these events, in their order, is earlier than the one before it; the unknown times are left out."""
+    known = [(name, time) for name, time in times.items() if time is not None]
+    return [
+        finding(Code.TIME_ORDER, file, later=later, later_at=later_at, earlier=earlier, earlier_at=earlier_at)
+        for (earlier, earlier_at), (later, later_at) in pairwise(known)
+        if later_at < earlier_at - CLOCKS
+    ]
+
+
+def data_files(files_sha256: Mapping[str, str]) -> set[str]:
+    """Hashes of the files with the messages."""
     return {value for name, value in files_sha256.items() if name != METADATA_NAME}
 
 
-def attest(
-    bag: Path,
-    chain_folder: Path,
-    key: Ed25519PrivateKey,
-    now: datetime,
-    procedure: Identity | None = None,
-    documents: Sequence[Path] = (),
-) -> Attestation:
-    """Sign for a bag and add it to a chain. After a crash in between, the same call ends what was begun.
-
-    What the bag's manifest lacks is hashed now, and noted. The chain's folder is made when there is none. The hashes of
-    the ``documents`` are signed, too.
-
-    Raises
-    ------
-    BagError
-        There is no bag, it is not what was recorded, or it is in the chain already.
-    InputError
-        The chain is damaged, or two documents have one name.
-    """
-    hashes = _hashes(documents)
-    manifest, text, notes = manifest_for(bag)
-    if found := check_files(bag, manifest):
-        raise BagError(f"{bag}: cannot be attested: {summary(found)}")
-    files = {one.name: one.sha256 for one in manifest.files}
-    with BagReader(bag) as reader:
-        software = software_versions({one.name: one.data for one in reader.attachments()})
-    with locked(chain_folder):
-        chain = read_chain(chain_folder, [PublicKey(key.public_key().public_bytes_raw())])
-        if chain.problems:
-            raise InputError(f"the chain cannot be continued: {chain.problems[0]}")
-        if (entry := chain.of(files)) is not None:
-            return _end(bag, text, files, entry)
-        last = chain.entries[-1] if chain.entries else None
-        made = Attestation(
-            number=last.content.number + 1 if last else 1,
-            previous_sha256=last.sha256 if last else None,
-            bag=bag_name(bag),
-            identity={name: manifest.custom_data[name] for name in IDENTITY if name in manifest.custom_data},
-            manifest_sha256=sha256(text.encode()),
-            files_sha256=files,
-            attachments_sha256=manifest.attachments_sha256,
-            procedure=procedure,
-            software=software,
-            documents_sha256=hashes,
-            notes=tuple(notes),
-            attested_at=now.isoformat(timespec="seconds"),
-        )
-        _write(bag, chain_folder / f"{made.number:06d}.json", text, made.text(), key)
-    return made
+def identity_words(identity: Mapping[str, str]) -> str:
+    """E.g. ``canister C-1, lid L-7``."""
+    return ", ".join(f"{key} {value}" for key, value in identity.items())
 
 
-def _hashes(documents: Sequence[Path]) -> dict[str, str]:
-    """Hashes of files by name; InputError when two have the same."""
-    names = [path.name for path in documents]
-    if doubled := next((one for one in names if names.count(one) > 1), None):
-        raise InputError(f"two of the files to attest have the name {doubled}, by which they are listed; rename one")
-    return {path.name: sha256(mapped(path)) for path in documents}
-
-
-def _write(bag: Path, entry: Path, manifest_text: str, text: str, key: Ed25519PrivateKey) -> None:
-    """Write manifest, attestation and signature; the signature first: an attestation without one is never seen."""
-    signed = signature.sign(text.encode(), key)
-    write_whole(bag / MANIFEST_NAME, manifest_text, durable=True)
-    write_whole(signature.signature_path(entry), signed, durable=True)
-    write_whole(entry, text, durable=True)
-    write_whole(bag / ATTESTATION_NAME, text, durable=True)
-    write_whole(signature.signature_path(bag / ATTESTATION_NAME), signed, durable=True)
-
-
-def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed) -> Attestation:
-    """Put into a bag what is in the chain already; BagError where that has been done, or was for other files."""
-    if signature.signature_path(bag / ATTESTATION_NAME).exists() or entry.content.files_sha256 != files_sha256:
-        place = f"{entry.path.parent} already, as weld {entry.content.number} ({entry.content.bag})"
-        raise BagError(f"{bag}: is in {place}")
-    if entry.content.manifest_sha256 != sha256(manifest_text.encode()):
-        raise BagError(f"{bag}: {MANIFEST_NAME} is not that of weld {entry.content.number} of the chain")
-    write_whole(bag / MANIFEST_NAME, manifest_text, durable=True)
-    write_whole(bag / ATTESTATION_NAME, entry.data.decode(), durable=True)
-    armoured = read_regular(signature.signature_path(entry.path)).decode("ascii")
-    write_whole(signature.signature_path(bag / ATTESTATION_NAME), armoured, durable=True)
-    return entry.content
-
-
-def manifest_for(bag: Path) -> tuple[Manifest, str, list[str]]:
+def manifest_for(bag: Path) -> tuple[Manifest, str, list[Finding]]:
     """Manifest of a bag and its text, made or completed where the recorder did not, and what there is to say of that.
 
     Raises
@@ -257,17 +208,29 @@ def manifest_for(bag: Path) -> tuple[Manifest, str, list[str]]:
         raise BagError(f"{bag}: is not the folder of a bag; only a folder can be attested")
     manifest, notes = read_manifest(bag), []
     with BagReader(bag) as reader:
+        custom = reader.metadata.custom_data
         if manifest is None:
-            notes.append(f"no {MANIFEST_NAME}: the recorder was killed before it wrote one, or wrote none")
-            attachments = {one.name: sha256(one.data) for one in reader.attachments()}
-            custom = reader.metadata.custom_data
+            notes.append(finding(Code.NO_MANIFEST, MANIFEST_NAME))
+            attachments = {entry.name: sha256(entry.data) for entry in reader.attachments()}
             manifest = Manifest(
                 bag=bag.resolve().name, custom_data=custom, attachments_sha256=attachments, clock=UNKNOWN, files=()
             )
-        notes += [f"{problem}" for problem in reader.problems]
+        if source := custom.get("recovered_from"):
+            notes.append(finding(Code.RECOVERED, METADATA_NAME, source=source))
+        notes += [finding(Code.BAG_DAMAGED, bag.name, problem=problem) for problem in reader.problems]
     whole, more = complete(bag, manifest)
-    text = whole.text() if more or not manifest.files else (bag / MANIFEST_NAME).read_text(encoding="utf-8")
-    return whole, text, [*notes, *more]
+    made = bool(more or not manifest.files)
+    notes += more or [
+        finding(Code.HASHED_AFTERWARDS, entry.name) for entry in whole.files if entry.hashed == "afterwards"
+    ]
+    text = whole.text() if made else (bag / MANIFEST_NAME).read_text(encoding="utf-8")
+    return whole, text, notes
+
+
+def recorder_of(bag: Path, trusted: Sequence[TrustedKey] | None) -> Signer | None:
+    """Who signed the manifest when the bag was closed; None where nobody did. An EvidenceError as of `verify_file`."""
+    path = bag / MANIFEST_NAME
+    return verify_file(path, Purpose.MANIFEST, trusted, path.name) if signature_path(path).exists() else None
 
 
 def bag_name(path: Path) -> str:
@@ -285,12 +248,6 @@ def software_versions(attachments: Mapping[str, bytes]) -> dict[str, str]:
         return {}
 
 
-def summary(found: Sequence[Finding]) -> str:
-    """Findings in one line."""
-    lines = [one.line for one in found[:_MOST_FINDINGS]]
-    return "; ".join(lines + [f"and {len(found) - _MOST_FINDINGS} more"] * (len(found) > _MOST_FINDINGS))
-
-
 def statement(bag: Path) -> tuple[list[str], list[str]]:
     """Whether a bag is what was recorded, and who signed for it, in words; and what of that is wrong.
 
@@ -298,96 +255,67 @@ def statement(bag: Path) -> tuple[list[str], list[str]]:
     """
     try:
         manifest = read_manifest(bag) if bag.is_dir() else None
-        found = check_files(bag, manifest) if manifest else []
     except BagError as error:
         return [str(error)], [str(error)]
     if manifest is None:
         return [f"no {MANIFEST_NAME}: whether the files are what was recorded is not known"], []
-    if found:
-        text = f"not as {MANIFEST_NAME} has it: {summary(found)}"
+    if findings := check_files(bag, manifest):
+        text = f"not as {MANIFEST_NAME} has it: {summary(findings)}"
         return [text], [text]
-    late = ", hashed after the recording" if any(one.hashed == "afterwards" for one in manifest.files) else ""
-    told = [f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}"]
-    if not (bag / ATTESTATION_NAME).exists():
-        return [*told, "not attested when this was written"], []
+    late = ", hashed after the recording" if any(entry.hashed == "afterwards" for entry in manifest.files) else ""
+    lines = [f"{len(manifest.files)} files as {MANIFEST_NAME} has them{late}"]
     try:
+        recorder = recorder_of(bag, None)
+        lines.append(f"{MANIFEST_NAME} signed by {recorder.words}" if recorder else f"{MANIFEST_NAME} is not signed")
+        if not (bag / ATTESTATION_NAME).exists():
+            return [*lines, "not attested when this was written"], []
         signed = read_signed(bag / ATTESTATION_NAME, None)
+        if wrong := [*other_identity(bag, signed.content), *manifest_findings(bag, signed.content)]:
+            raise EvidenceError(*wrong)
     except LibraryMissingError as error:
-        return [*told, f"the attestation cannot be checked: {error}"], []
+        return [*lines, f"signatures cannot be checked: {error}"], []
     except InputError as error:
-        return [*told, str(error)], [str(error)]
-    if wrong := [*_other_identity(bag, signed.content), *_manifest_findings(bag, signed.content)]:
-        text = f"not as it was attested: {summary(wrong)}"
-        return [*told, text], [text]
-    when, number = signed.content.attested_at, signed.content.number
-    return [*told, f"attested as weld {number} at {when}, signed by key {signed.signer.fingerprint}"], []
+        text = f"not as it was signed: {error}"
+        return [*lines, text], [text]
+    return [*lines, f"attested as weld {signed.content.number} by {signed.signer.words}"], []
 
 
-def verify_bag(
-    bag: Path, trusted: Sequence[PublicKey], chain: Chain | None = None, documents: Sequence[Path] = ()
-) -> tuple[Attestation | None, list[Finding]]:
-    """Whether a bag is what was recorded and signed, has its place in the ``chain``, and with it the ``documents``.
-
-    Returns what was signed, None when it is not there or cannot be trusted, and what is wrong; nothing: it is proven.
-    """
-    if not bag.is_dir():
-        return None, [Finding(str(bag), "is not the folder of a bag")]
-    try:
-        signed = read_signed(bag / ATTESTATION_NAME, trusted)
-    except InputError as error:
-        return None, [Finding(ATTESTATION_NAME, str(error).removeprefix(f"{bag / ATTESTATION_NAME}: "))]
-    attested, found = signed.content, []
-    listed = [name for name in attested.files_sha256 if name != METADATA_NAME]
-    others = any(path.name.endswith(SUFFIXES) and path.name not in listed for path in bag.iterdir())
-    if others and not any((bag / name).exists() for name in listed):
-        of = ", ".join([f"bag {attested.bag}", *(f"{key} {value}" for key, value in attested.identity.items())])
-        return attested, [Finding(ATTESTATION_NAME, f"belongs to another weld ({of}): none of its files is here")]
-    found += _other_identity(bag, attested)
-    found += _manifest_findings(bag, attested)
-    for path in documents:
-        if path.name not in attested.documents_sha256:
-            found.append(Finding(str(path), f"was not attested with weld {attested.number}"))
-        elif sha256(mapped(path)) != attested.documents_sha256[path.name]:
-            found.append(Finding(str(path), f"is not the file that was attested with weld {attested.number}"))
-    if chain is not None:
-        here = next((one for one in chain.entries if one.content.number == attested.number), None)
-        if here is None:
-            found.append(Finding(str(chain.folder), f"weld {attested.number}, which this bag is, is not in the chain"))
-        elif here.data != signed.data:
-            found.append(Finding(str(here.path), f"is another weld than this bag ({here.content.bag})"))
-    return attested, found
-
-
-def _other_identity(bag: Path, attested: Attestation) -> list[Finding]:
+def other_identity(bag: Path, attested: Attestation) -> list[Finding]:
+    """Where the bag says that something else was welded than what was attested."""
     try:
         custom = read_metadata(bag).custom_data
     except BagError:
         return []
     return [
-        Finding(ATTESTATION_NAME, f"has {name} {value}, metadata.yaml has {custom.get(name, 'none')}")
+        finding(Code.OTHER_IDENTITY, ATTESTATION_NAME, field=name, stated=value, actual=custom.get(name, "none"))
         for name, value in attested.identity.items()
         if custom.get(name) != value
     ]
 
 
-def _manifest_findings(bag: Path, attested: Attestation) -> list[Finding]:
-    """The files of the bag against the manifest that was signed; without that, against their hashes alone."""
-    path = bag / MANIFEST_NAME
+def manifest_findings(bag: Path, attested: Attestation) -> list[Finding]:
+    """The files of the bag against the manifest that was attested; without that, against their hashes alone."""
     try:
-        data = read_regular(path)
-        manifest = read_manifest(bag) if sha256(data) == attested.manifest_sha256 else None
-        text = "is not the manifest that was signed"
+        if sha256(read_regular(bag / MANIFEST_NAME)) == attested.manifest_sha256:
+            manifest = read_manifest(bag)
+            return check_files(bag, manifest) if manifest else []
+        findings = [finding(Code.OTHER_MANIFEST, MANIFEST_NAME)]
     except OSError as error:
-        manifest, text = None, str(error.strerror)
-    if manifest is not None:
-        return check_files(bag, manifest)
-    found = [Finding(MANIFEST_NAME, f"{text}; so files are compared as a whole")]
-    for name, wanted in attested.files_sha256.items():
+        findings = [finding(Code.UNREADABLE, MANIFEST_NAME, reason=error.strerror)]
+    for name, digest in attested.files_sha256.items():
         try:
-            same = sha256(mapped(bag / name)) == wanted
+            if sha256(mapped(bag / name)) != digest:
+                findings.append(finding(Code.CHANGED, name))
         except OSError as error:
-            found.append(Finding(name, str(error.strerror)))
-            continue
-        if not same:
-            found.append(Finding(name, "is not what was recorded"))
-    return found
+            findings.append(finding(Code.UNREADABLE, name, reason=error.strerror))
+    return findings
+
+
+def weld_times(manifest: Manifest) -> tuple[datetime | None, datetime | None]:
+    """When the first and the last message were received, by the computer's clock; None for a simulated clock."""
+    stamps_ns = [piece.begin_ns for file in manifest.files for piece in file.pieces if piece.begin_ns is not None]
+    stamps_ns += [piece.end_ns for file in manifest.files for piece in file.pieces if piece.end_ns is not None]
+    if not stamps_ns or min(stamps_ns) < 10**18:  # the year 2001: stamps of a simulation count from 0
+        return None, None
+    first, last = (datetime.fromtimestamp(stamp_ns * 1e-9, UTC) for stamp_ns in (min(stamps_ns), max(stamps_ns)))
+    return first, last

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from fsw_analysis.procedure import Identity, Procedure, digest
-from fsw_quality.signature import verify_file
+from fsw_recorder.findings import Code, EvidenceError, finding
+from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 from fsw_schema.models import content_of, read_text, shipped_names, validate
 
-__all__ = ["Identity", "Procedure", "differences", "digest", "load", "path_of", "shipped"]
+__all__ = ["Identity", "Procedure", "differences", "digest", "load", "path_of", "shipped", "signer_of"]
 _SHIPPED = Path(__file__).parent / "procedures"
 
 
@@ -33,9 +34,24 @@ def load(source: str | Path) -> Procedure:
     fsw_schema.models.InputError
         It cannot be read, something in it is wrong, or it was changed after it was signed.
     """
-    if Path(source).is_file():
-        verify_file(Path(source), None)
+    signer_of(source, None)
     return validate(Procedure, content_of(read_text(source, "procedure", _SHIPPED), str(source)), str(source))
+
+
+def signer_of(source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False) -> Signer | None:
+    """Who signed the file of a procedure; None where nobody did. Without ``trusted`` keys any will do.
+
+    Raises
+    ------
+    EvidenceError
+        It was changed after it was signed, by a key that does not count, or it is not signed although ``required``.
+    """
+    path = path_of(source)
+    if signature_path(path).exists():
+        return verify_file(path, Purpose.PROCEDURE, trusted)
+    if required:
+        raise EvidenceError(finding(Code.NOT_SIGNED, path))
+    return None
 
 
 def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:

@@ -13,11 +13,20 @@ from fsw_analysis.report import page, source
 from fsw_quality import figures
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record
+from fsw_recorder.manifest import sha256
 from fsw_schema.files import write_whole
 
 #: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
 _BEGIN_MM = 25.0
 JSON, PAGE, PDF = "record.json", "record.html", "record.pdf"
+#: in page and PDF, before the hash of the record.json that they were made of
+_MADE_OF = "fsw-record-sha256:"
+
+
+def json_sha256(document: bytes) -> str | None:
+    """Hash of the record.json that a page or a PDF was made of; None where it says none."""
+    found = re.search(_MADE_OF.encode() + rb"([0-9a-f]{64})", document)
+    return found.group(1).decode() if found else None
 
 
 def can_write_pdf() -> bool:
@@ -36,19 +45,22 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)
     body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images)
+    content = record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
+    made_of = f"{_MADE_OF}{sha256(content)}"
+    body += f"<p>Made of record.json, {made_of}</p>"
     title = record.identity.get("canister") or f"Weld {record.bag}"
     whole = {
-        JSON: record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n",
+        JSON: content,
         PAGE: page("fsw_quality", "record.html.j2", title=title, body=body).encode(),
     }
     if can_write_pdf():
-        whole[PDF] = _pdf(body, title)
+        whole[PDF] = _pdf(body, title, made_of)
     for name, data in whole.items():
         write_whole(folder / name, data)
     return [folder / name for name in whole]
 
 
-def _pdf(body: str, title: str) -> bytes:
+def _pdf(body: str, title: str, keywords: str = "") -> bytes:
     from fpdf import FPDF, TextStyle  # of the extra
 
     class Pages(FPDF):  # type: ignore[misc]
@@ -63,6 +75,7 @@ def _pdf(body: str, title: str) -> bytes:
         pages.add_font("DejaVu", style, fonts / f"{name}.ttf")
     pages.set_font("DejaVu", size=7.5)
     pages.set_title(title)
+    pages.set_keywords(keywords)
     pages.add_page()
     heads = {
         f"h{level}": TextStyle(color="#000000", font_style="B", font_size_pt=size, t_margin=3.0, b_margin=0.3)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
@@ -17,6 +18,7 @@ from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
 from fsw_recorder.clock_source import UNKNOWN, ClockState
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, sha256
+from fsw_recorder.signature import Purpose, load_private, sign, signature_path
 from fsw_recorder.topic import RecordedTopic
 
 __all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
@@ -41,6 +43,7 @@ class WriterOptions:
     sync_period: float = 1.0  # s
     max_cache_size: int = 256 * 1024 * 1024  # bytes
     manifest: bool = False
+    signing_key: str = ""  # path
 
 
 class BagWriter:
@@ -50,6 +53,8 @@ class BagWriter:
     ------
     BagError
         The folder exists or cannot be made; its parents are created.
+    InputError
+        The key that signs the manifest cannot be used.
     """
 
     def __init__(
@@ -221,6 +226,7 @@ class _Files:
         self._attachments: dict[str, str] = {}
         self._folder, self._options, self._custom_data = folder, options, custom_data
         self._file: BagFile | None = None
+        self._key = load_private(Path(options.signing_key).expanduser()) if options.signing_key else None
         self._last_sync = time.monotonic()
         self._descriptor = _make_folder(folder)
         try:
@@ -313,17 +319,21 @@ class _Files:
         self._replace(METADATA_NAME, text)
         self._write_manifest(hashed(METADATA_NAME, text.encode(), "while_recording"))
 
-    def _write_manifest(self, *more: FileManifest) -> None:
-        """Write the hashes of the files that are closed."""
+    def _write_manifest(self, *last: FileManifest) -> None:
+        """Write the hashes of the files that are closed; with the ``last`` one, which ends the bag, signed."""
         if self._options.manifest:
             found = Manifest(
                 bag=self._folder.name,
                 custom_data=self._custom_data,
                 attachments_sha256=self._attachments,
                 clock=self.clock,
-                files=(*self._manifests, *more),
+                files=(*self._manifests, *last),
             )
-            self._replace(MANIFEST_NAME, found.text())
+            text = found.text()
+            self._replace(MANIFEST_NAME, text)
+            if last and self._key is not None:
+                signed = sign(text.encode(), MANIFEST_NAME, Purpose.MANIFEST, self._key, datetime.now(UTC))
+                self._replace(signature_path(Path(MANIFEST_NAME)).name, signed)
 
     def _replace(self, name: str, text: str) -> None:
         temporary, here = f".{name}.new", self._descriptor

@@ -5,37 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES
+from fsw_recorder.findings import Code, Finding, Place, finding
 from fsw_recorder.manifest import FileManifest, Manifest, Piece, file_pieces, hashed, mapped, sha256
 from fsw_recorder.mcap_frames import Buffer
 
 
-class Finding(NamedTuple):
-    """Something that is not as it was recorded; ``pieces`` are indices into those of the file's manifest."""
-
-    file: str
-    text: str
-    pieces: tuple[int, ...] = ()
-
-    @property
-    def line(self) -> str:
-        """In one line."""
-        return f"{self.file}: {self.text}"
-
-
 def check_files(folder: Path, manifest: Manifest) -> list[Finding]:
-    """All that differs between the files of a bag and its manifest; other files, e.g. a weld's record, do not count.
-
-    Raises
-    ------
-    OSError
-        A file cannot be read.
-    """
-    found = [finding for listed in manifest.files for finding in check_file(folder / listed.name, listed)]
-    return found + [Finding(path.name, "is not in the manifest") for path in unlisted(folder, manifest)]
+    """All that differs between the files of a bag and its manifest; other files, e.g. a weld's record, do not count."""
+    found = [entry for listed in manifest.files for entry in check_file(folder / listed.name, listed)]
+    return found + [finding(Code.UNLISTED, path.name) for path in unlisted(folder, manifest)]
 
 
 def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
@@ -48,38 +29,43 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
     )
 
 
-def complete(folder: Path, manifest: Manifest) -> tuple[Manifest, list[str]]:
+def complete(folder: Path, manifest: Manifest) -> tuple[Manifest, list[Finding]]:
     """The manifest with the files that it lacks, hashed as they are now, and what there is to say about them."""
     more = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, manifest)]
-    notes = [f"{one.name}: hashed afterwards; what had happened to it before is not known" for one in more]
+    notes = [finding(Code.HASHED_AFTERWARDS, entry.name) for entry in more]
     return manifest.changed(files=(*manifest.files, *more)) if more else manifest, notes
 
 
 def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     """What differs between a file and its manifest; consecutive pieces that are lost are one finding."""
+    pieces = tuple(range(len(listed.pieces)))
     try:
         data = mapped(path)
     except FileNotFoundError:
-        return [Finding(listed.name, "is missing", tuple(range(len(listed.pieces))))]
+        return [Finding(code=Code.MISSING, file=listed.name, pieces=pieces)]
+    except OSError as error:
+        return [finding(Code.UNREADABLE, listed.name, reason=error.strerror)]
     if len(data) == listed.bytes and sha256(data) == listed.sha256:
         return []
+    sizes = {} if len(data) == listed.bytes else {"bytes": len(data), "listed_bytes": listed.bytes}
     proven = proven_pieces(data, listed)
-    lost = [row for row in range(len(listed.pieces)) if row not in proven]
+    lost = [row for row in pieces if row not in proven]
     if not lost:
-        return [Finding(listed.name, f"every piece is there, but not alone or in another order{_sizes(data, listed)}")]
-    if not any(listed.pieces[row].kind == "chunk" for row in proven) and any(
-        piece.kind == "chunk" for piece in listed.pieces
-    ):
-        text = f"is another file: none of its chunks is one that was recorded{_sizes(data, listed)}"
-        return [Finding(listed.name, text, tuple(lost))]
-    if len(listed.pieces) == 1:
-        return [Finding(listed.name, f"is not what was recorded{_sizes(data, listed)}", (0,))]
-    found = []
-    for _, group in groupby(enumerate(lost), lambda one: one[1] - one[0]):
-        rows = [row for _, row in group]
-        text = f"{name_of(listed.pieces, rows)} not what was recorded{_sizes(data, listed)}"
-        found.append(Finding(listed.name, text, tuple(rows)))
-    return found
+        return [Finding(code=Code.REORDERED, file=listed.name, data=sizes)]
+    chunks = {row for row in pieces if listed.pieces[row].kind == "chunk"}
+    if chunks and not chunks & set(proven):
+        return [Finding(code=Code.OTHER_FILE, file=listed.name, data=sizes, pieces=tuple(lost))]
+    runs = [[row for _, row in run] for _, run in groupby(enumerate(lost), lambda entry: entry[1] - entry[0])]
+    return [
+        Finding(
+            code=Code.CHANGED,
+            file=listed.name,
+            data=sizes,
+            pieces=tuple(rows),
+            place=place_of(listed.pieces, rows) if len(pieces) > 1 else None,
+        )
+        for rows in runs
+    ]
 
 
 def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, int]]:
@@ -99,18 +85,18 @@ def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, in
     return found
 
 
-def name_of(pieces: Sequence[Piece], rows: Sequence[int]) -> str:
-    """Consecutive pieces in words, e.g. ``chunk 17 (bytes 1200 to 4800, 6.8 to 7.2 s after the file's begin) is``."""
-    begin = pieces[rows[0] - 1].end if rows[0] else 0
-    parts = list(_kinds(pieces, rows))
-    start = next((piece.begin_ns for piece in pieces if piece.begin_ns is not None), None)
+def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
+    """Where consecutive pieces are."""
+    start_ns = next((piece.begin_ns for piece in pieces if piece.begin_ns is not None), 0)
     begins = [piece.begin_ns for piece in (pieces[row] for row in rows) if piece.begin_ns is not None]
     ends = [piece.end_ns for piece in (pieces[row] for row in rows) if piece.end_ns is not None]
-    when = ""
-    if start is not None and begins and ends:
-        when = f", {(min(begins) - start) * 1e-9:.1f} to {(max(ends) - start) * 1e-9:.1f} s after the first message"
-    many = len(rows) > 1 or len(parts) > 1
-    return f"{' and '.join(parts)} (bytes {begin} to {pieces[rows[-1]].end}{when}) {'are' if many else 'is'}"
+    return Place(
+        parts=tuple(_kinds(pieces, rows)),
+        begin=pieces[rows[0] - 1].end if rows[0] else 0,
+        end=pieces[rows[-1]].end,
+        begin_s=(min(begins) - start_ns) * 1e-9 if begins and ends else None,
+        end_s=(max(ends) - start_ns) * 1e-9 if begins and ends else None,
+    )
 
 
 def _kinds(pieces: Sequence[Piece], rows: Sequence[int]) -> Iterator[str]:
@@ -127,7 +113,3 @@ def _kinds(pieces: Sequence[Piece], rows: Sequence[int]) -> Iterator[str]:
             yield f"{kind} {numbers[0]}"
         else:
             yield f"{kind}s {numbers[0]} to {numbers[-1]}"
-
-
-def _sizes(data: Buffer, listed: FileManifest) -> str:
-    return "" if len(data) == listed.bytes else f"; the file has {len(data)} bytes in place of {listed.bytes}"

@@ -43,6 +43,7 @@ from fsw_recorder.recording import (
     versions_text,
 )
 from fsw_recorder.services_ros import serve
+from fsw_recorder.signature import load_private
 from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
@@ -70,6 +71,8 @@ class RecorderNode(ManagedNode):
     ------
     BagError
         The bag cannot be made, or an attachment cannot be read.
+    InputError
+        The key that signs the manifest cannot be used.
     """
 
     writer: BagWriter
@@ -90,6 +93,8 @@ class RecorderNode(ManagedNode):
         self._depth: int = values["queue_depth"]
         self._on_finished: list[str] = list(values["on_finished"])
         after_recording.check(self._on_finished)
+        if values["signing_key"]:
+            load_private(Path(values["signing_key"]).expanduser())
         folder = self._planned().folder
         if os.path.lexists(folder):
             raise taken(folder)

@@ -49,9 +49,7 @@ def recover(
     """
     with BagReader(source) as reader:
         topics = {name: topic for name, topic in reader.topics().items() if selection is None or selection.takes(name)}
-        custom = dict(reader.metadata.custom_data)
-        if reader.problems:
-            custom["recovered_from"] = str(source)
+        custom = {**reader.metadata.custom_data, "recovered_from": str(source)}
         with BagWriter(target, options, custom) as writer:
             for topic in topics.values():
                 writer.add_topic(topic)

@@ -18,6 +18,7 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, mapped, read_manifest
 from fsw_recorder.manifest_check import check_file, proven_pieces
 from fsw_recorder.mcap_file import McapFile
+from fsw_recorder.signature import SUFFIX
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ def recover_proven(
 ) -> ProvenRecovery:
     """Copy the chunks and attachments whose hashes are in the manifest, unchanged, into a new bag.
 
-    So the manifest, which is copied beside them, goes on to prove them; a reader finds them without an index. The
+    So the manifest, which is copied beside them, still proves them; a reader finds them without an index. The
     ``target`` must not exist. ``evidence`` are further files to copy, where there are any: signatures. ``progress`` is
     called with the fraction done, 0 to 1.
 
@@ -50,7 +51,7 @@ def recover_proven(
     files = [one for one in manifest.files if one.name.endswith(".mcap")]
     contents, proven, lost = {}, 0, []
     for number, listed in enumerate(files, 1):
-        lost += [finding.line for finding in check_file(source / listed.name, listed)]
+        lost += [entry.line for entry in check_file(source / listed.name, listed)]
         if (source / listed.name).exists():
             contents[listed.name], count = _proven_file(source / listed.name, listed)
             proven += count
@@ -64,7 +65,7 @@ def recover_proven(
         raise BagError(f"{target}: exists already; nothing was recovered. Choose another folder") from None
     for name, data in contents.items():
         (target / name).write_bytes(data)
-    for name in (MANIFEST_NAME, *evidence):
+    for name in (MANIFEST_NAME, MANIFEST_NAME + SUFFIX, *evidence):
         if (source / name).exists():
             shutil.copyfile(source / name, target / name)
     recorded = sum(piece.kind != "other" for one in files for piece in one.pieces)

@@ -52,6 +52,7 @@ def test_each_activation_makes_a_bag_that_is_whole_when_it_is_over(graph: Any, t
         ({}, "exists already"),
         ({"output": "", "custom_data": ["nonsense"]}, "custom_data 'nonsense': write key=value"),
         ({"output": "", "attach": ["no_such_file"]}, "no_such_file: cannot be attached"),
+        ({"output": "", "signing_key": "no_such_key"}, "key no_such_key: there is none"),
         ({"output": "", "regex": "["}, "'[' is not a regular expression"),
     ],
 )

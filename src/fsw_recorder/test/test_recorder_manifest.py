@@ -12,10 +12,13 @@ from hypothesis import strategies as st
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
+from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.manifest import MANIFEST_NAME, FileManifest, Manifest, hashed, mapped, read_manifest
 from fsw_recorder.manifest_check import check_file, check_files, complete
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
+from fsw_recorder.signature import Purpose, load_trusted, make_key, verify_file
+from fsw_schema.models import InputError
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
 START_NS = 10**18
@@ -104,7 +107,8 @@ def test_any_flipped_bit_is_found_and_its_chunk_named(
     assert len(found) == 1 and found[0].pieces == (row,) and found[0].file == listed.name
     if listed.pieces[row].kind == "chunk":
         number = sum(piece.kind == "chunk" for piece in listed.pieces[: row + 1])
-        assert f"chunk {number} (bytes " in found[0].text and "after the first message" in found[0].text
+        assert found[0].place is not None and found[0].place.parts == (f"chunk {number}",)
+        assert found[0].place.begin_s is not None and found[0].place.begin <= at < found[0].place.end
 
 
 def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(bag: Path, manifest: Manifest) -> None:
@@ -113,7 +117,8 @@ def test_a_removed_chunk_is_named_and_what_is_behind_it_stays_proven(bag: Path, 
     content = (bag / FILES[0]).read_bytes()
     (bag / FILES[0]).write_bytes(content[:begin] + content[end:])
     [found] = check_files(bag, manifest)
-    assert found.pieces == (row,) and "chunk 2 (bytes" in found.text and f"in place of {listed.bytes}" in found.text
+    assert (found.code, found.pieces, found.data["listed_bytes"]) == (Code.CHANGED, (row,), listed.bytes)
+    assert found.place is not None and found.place.parts == ("chunk 2",)
 
 
 def test_a_removed_message_is_told(bag: Path, recorded: Path, manifest: Manifest, tmp_path: Path) -> None:
@@ -126,7 +131,7 @@ def test_a_removed_message_is_told(bag: Path, recorded: Path, manifest: Manifest
                 writer.write(one.topic, one.data, one.log_time_ns, one.publish_time_ns, one.sequence)
     shutil.copyfile(tmp_path / "weld_other" / "weld_other_0.mcap", bag / FILES[0])
     [found] = check_files(bag, manifest)
-    assert found.file == FILES[0] and "is another file" in found.text
+    assert (found.file, found.code) == (FILES[0], Code.OTHER_FILE)
 
 
 def test_exchanged_missing_and_added_files_are_told(bag: Path, manifest: Manifest) -> None:
@@ -134,14 +139,14 @@ def test_exchanged_missing_and_added_files_are_told(bag: Path, manifest: Manifes
     content = first.read_bytes()
     first.write_bytes(second.read_bytes())
     second.write_bytes(content)
-    assert [(one.file, "another file" in one.text) for one in check_files(bag, manifest)] == [
-        (FILES[0], True),
-        (FILES[1], True),
+    assert [(one.file, one.code) for one in check_files(bag, manifest)] == [
+        (FILES[0], Code.OTHER_FILE),
+        (FILES[1], Code.OTHER_FILE),
     ]
     first.unlink()
     (bag / "weld_2.mcap").write_bytes(content)
-    found = {one.file: one.text for one in check_files(bag, manifest)}
-    assert found[FILES[0]] == "is missing" and found["weld_2.mcap"] == "is not in the manifest"
+    found = {one.file: one.code for one in check_files(bag, manifest)}
+    assert found[FILES[0]] is Code.MISSING and found["weld_2.mcap"] is Code.UNLISTED
 
 
 def test_order_and_additions_are_told(bag: Path, manifest: Manifest) -> None:
@@ -150,9 +155,9 @@ def test_order_and_additions_are_told(bag: Path, manifest: Manifest) -> None:
     (_, begin, middle), (_, _, end) = place(listed, "chunk", 1), place(listed, "chunk", 2)
     swapped = content[:begin] + content[middle:end] + content[begin:middle] + content[end:]
     (bag / FILES[0]).write_bytes(swapped)
-    assert ["in another order" in one.text for one in check_files(bag, manifest)] == [True]
+    assert [one.code for one in check_files(bag, manifest)] == [Code.REORDERED]
     (bag / FILES[0]).write_bytes(content + b"more")
-    assert ["not alone" in one.text for one in check_files(bag, manifest)] == [True]
+    assert [one.code for one in check_files(bag, manifest)] == [Code.REORDERED]
 
 
 def test_a_crash_before_the_manifest_loses_nothing_and_is_told(bag: Path, manifest: Manifest) -> None:
@@ -167,7 +172,7 @@ def test_a_crash_before_the_manifest_loses_nothing_and_is_told(bag: Path, manife
         FILES[1]: "afterwards",
         "metadata.yaml": "afterwards",
     }
-    assert len(notes) == 2 and all("hashed afterwards" in note for note in notes)
+    assert [note.code for note in notes] == [Code.HASHED_AFTERWARDS] * 2
 
 
 def test_recovery_keeps_what_is_proven(bag: Path, manifest: Manifest, tmp_path: Path) -> None:
@@ -196,6 +201,25 @@ def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / MANIFEST_NAME).write_text(text)
     with pytest.raises(BagError, match=r"manifest\.json"):
         read_manifest(tmp_path)
+
+
+def test_the_recorder_signs_the_manifest_when_it_closes(tmp_path: Path) -> None:
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    make_key(tmp_path / "machine")
+    options = WriterOptions(manifest=True, signing_key=str(tmp_path / "machine"))
+    bag = write_weld(tmp_path / "weld", 3, options=options)
+    trusted = load_trusted([tmp_path / "machine.pub"])
+    assert verify_file(bag / MANIFEST_NAME, Purpose.MANIFEST, trusted).name == ""
+    recover_proven(bag, tmp_path / "proven")
+    assert verify_file(tmp_path / "proven" / MANIFEST_NAME, Purpose.MANIFEST, trusted)
+    text = (bag / MANIFEST_NAME).read_text()
+    (bag / MANIFEST_NAME).write_text(text.replace("C-117", "C-118"))
+    with pytest.raises(EvidenceError) as caught:
+        verify_file(bag / MANIFEST_NAME, Purpose.MANIFEST, trusted)
+    assert caught.value.findings[0].code is Code.CONTENT_CHANGED
+    with pytest.raises(InputError):
+        BagWriter(tmp_path / "other", WriterOptions(manifest=True, signing_key=str(tmp_path / "none")))
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_failed_disk_leaves_a_manifest_of_what_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """The series of welds: its bags hold what was welded, and a short series has all that a long one has."""
 
 import json
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -10,9 +11,11 @@ pytest.importorskip("pyarrow")
 pytest.importorskip("cryptography")
 
 from fsw_analysis.signals import load_weld
-from fsw_quality import attestation, history, signature
+from fsw_quality import attestation, history
+from fsw_quality.evidence import Policy, verify_bag
 from fsw_recorder.manifest import read_manifest
 from fsw_recorder.manifest_check import check_files
+from fsw_recorder.signature import load_trusted
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
 from fsw_scenario.scenario_file import parse
@@ -77,12 +80,14 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
     assert (folder / "welds" / "C001" / "row.json").stat().st_mtime_ns == first
     assert "chain: 2 welds, intact" in capsys.readouterr().out
     assert history.load(folder / "history")["weld"].to_pylist() == ["C001", "C002"]
-    key = signature.load_public(folder / "key" / "series.pub")
-    chain = attestation.read_chain(folder / "chain", [key])
+    trusted = load_trusted([folder / "key" / "series.pub"])
+    chain = attestation.read_chain(folder / "chain", trusted)
     for name in ("C001", "C002"):
         place = folder / "welds" / name
-        attested, found = attestation.verify_bag(place / "bag", [key], chain, [place / "record" / "record.json"])
-        assert not found and attested.identity["canister"] == name
+        result = verify_bag(
+            place / "bag", Policy(trusted), datetime.now(UTC), chain, [place / "record" / "record.json"]
+        )
+        assert not result.findings and result.attested.identity["canister"] == name
         made = json.loads((place / "record" / "record.json").read_text())
         assert made["verdict"] == "accept" and made["identity"]["tool"] == "T1"
     assert (folder / "report.html").exists()

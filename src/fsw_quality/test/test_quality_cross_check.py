@@ -1,0 +1,172 @@
+"""What is signed together is of one weld: each attack on record, procedure and identity is refused with its code."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from fsw_quality import record, report
+from fsw_quality.attestation import read_chain
+from fsw_quality.evidence import Policy, Subject, attest, verify_bag
+from fsw_quality.procedure import Procedure, load, signer_of
+from fsw_recorder.bag_writer import WriterOptions
+from fsw_recorder.findings import Code, EvidenceError
+from fsw_recorder.signature import Purpose, load_private, load_trusted, make_key, sign, signature_path
+from fsw_test_support.programme_bag import write_programme_weld
+
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/quality.lock")
+
+NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
+ALL = (report.JSON, report.PAGE, report.PDF)
+
+
+def text_of(procedure: Procedure) -> bytes:
+    return yaml.safe_dump(procedure.model_dump(mode="json", exclude_none=True)).encode()
+
+
+@pytest.fixture(scope="module")
+def welded_by() -> Procedure:
+    return load("copper_lid").changed(revision="test")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, welded_by: Procedure) -> Path:
+    """Two welds by a procedure that is attached to their bags, with their records, and a key; not to be changed."""
+    folder = tmp_path_factory.mktemp("made")
+    make_key(folder / "key")
+    for number in (1, 2):
+        bag, attached = folder / f"weld_{number}", {"procedure.yaml": text_of(welded_by)}
+        write_programme_weld(bag, number, WriterOptions(manifest=True), {"canister": f"C-{number}"}, attached)
+        found, course = record.make(bag, welded_by)
+        (bag / "record").mkdir()
+        report.write(found, course, welded_by, bag / "record")
+    return folder
+
+
+@pytest.fixture
+def shop(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "shop"))
+
+
+def signed_for(shop: Path, number: int = 1, names: tuple[str, ...] = ALL, **more: Any) -> Subject:
+    bag = shop / f"weld_{number}"
+    return Subject(bag, documents=[bag / "record" / name for name in names], **more)
+
+
+def codes(shop: Path, subject: Subject, policy: Policy | None = None) -> list[Code]:
+    """Of why something is not attested; empty: it is."""
+    try:
+        attest(subject, shop / "chain", load_private(shop / "key"), NOW, policy or Policy())
+    except EvidenceError as error:
+        assert not (shop / "chain").exists() and not (subject.bag / "attestation.json").exists()
+        return [entry.code for entry in error.findings]
+    return []
+
+
+def edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Procedure) -> None:
+    assert codes(shop, signed_for(shop)) == []
+    trusted = load_trusted([shop / "key.pub"])
+    result = verify_bag(shop / "weld_1", Policy(trusted), NOW, read_chain(shop / "chain", trusted))
+    assert result.findings == [] and result.attested is not None
+    assert result.attested.procedure == welded_by.identity and len(result.attested.documents_sha256) == 3
+    assert result.attested.identity == {"canister": "C-1"}
+    assert Code.DOCUMENT_FOREIGN not in {entry.code for entry in result.not_checked}
+    (shop / "weld_1" / "record" / "record.pdf").write_bytes(b"%PDF-1.4 other")
+    changed = verify_bag(shop / "weld_1", Policy(trusted), NOW)
+    assert [entry.code for entry in changed.findings] == [Code.DOCUMENT_CHANGED]
+
+
+def test_the_record_of_another_weld(shop: Path) -> None:
+    shutil.copyfile(shop / "weld_2" / "record" / "record.json", shop / "weld_1" / "record" / "record.json")
+    assert codes(shop, signed_for(shop, names=("record.json",))) == [
+        Code.RECORD_OTHER_WELD,
+        Code.RECORD_OTHER_IDENTITY,
+    ]
+
+
+def accept(content: dict[str, Any]) -> None:
+    content["verdict"] = content["deciding"]["verdict"] = "accept"
+
+
+def accept_all(content: dict[str, Any]) -> None:
+    accept(content)
+    for rule in content["rules"]:
+        rule["verdict"] = "accept"
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (accept, Code.RECORD_EDITED),
+        (accept_all, Code.RECORD_EDITED),
+        (lambda content: content["rules"].pop(), Code.RECORD_EDITED),
+        (lambda content: content["identity"].update(canister="C-9"), Code.RECORD_OTHER_IDENTITY),
+        (lambda content: content["procedure"].update(sha256="0" * 64), Code.RECORD_OTHER_PROCEDURE),
+    ],
+)
+def test_an_edited_record(shop: Path, change: Callable[[dict[str, Any]], object], code: Code) -> None:
+    path = shop / "weld_1" / "record" / "record.json"
+    assert json.loads(path.read_text())["verdict"] == "reject"
+    edit(path, change)
+    assert codes(shop, signed_for(shop, names=("record.json",))) == [code]
+
+
+def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedure) -> None:
+    assert codes(shop, signed_for(shop, names=(), procedure=load("copper_lid"))) == [Code.OTHER_PROCEDURE]
+    assert codes(shop, signed_for(shop, names=(), procedure=welded_by)) == []
+
+
+def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
+    write_programme_weld(shop / "weld_3", 2, WriterOptions(manifest=True))
+    found, course = record.make(shop / "weld_3", load("copper_lid"))
+    report.write(found, course, load("copper_lid"), shop / "weld_3")
+    documents = [shop / "weld_3" / name for name in ALL]
+    assert codes(shop, Subject(shop / "weld_3", documents=documents)) == [Code.NO_PROCEDURE]
+    assert codes(shop, Subject(shop / "weld_3", load("copper_lid"), documents=documents)) == []
+
+
+@pytest.mark.parametrize("name", [report.PAGE, report.PDF])
+def test_a_page_of_another_record(shop: Path, name: str) -> None:
+    path = shop / "weld_1" / "record" / name
+    assert report.json_sha256(path.read_bytes()) is not None
+    for other in ((shop / "weld_2" / "record" / name).read_bytes(), b"without the hash of any record"):
+        path.write_bytes(other)
+        assert codes(shop, signed_for(shop)) == [Code.OTHER_RECORD]
+
+
+def test_a_procedure_s_signature_can_be_demanded(shop: Path, welded_by: Procedure) -> None:
+    path, key = shop / "lid.yaml", load_private(shop / "key")
+    path.write_bytes(text_of(welded_by))
+    with pytest.raises(EvidenceError) as caught:
+        signer_of(path, None, required=True)
+    assert caught.value.findings[0].code is Code.NOT_SIGNED
+    weld_begins = datetime.fromtimestamp(1.7e9, UTC)
+    for signed_at, expected in ((weld_begins - timedelta(days=1), []), (weld_begins + timedelta(days=1), True)):
+        text = sign(path.read_bytes(), path.name, Purpose.PROCEDURE, key, signed_at)
+        signature_path(path).write_text(text)
+        trusted = load_trusted([shop / "key.pub"])
+        signer = signer_of(path, trusted, required=True)
+        subject = signed_for(shop, names=(), procedure=load(path), procedure_signer=signer)
+        assert Code.PROCEDURE_UNSIGNED not in codes(shop, subject, Policy(require_signed=True, trusted=trusted))
+        shutil.rmtree(shop / "chain", ignore_errors=True)
+        assert codes(shop, subject) == []
+        result = verify_bag(shop / "weld_1", Policy(trusted), NOW)
+        late = [entry.code for entry in result.findings] == [Code.TIME_ORDER]  # signed after the weld
+        assert late is bool(expected) and Purpose.PROCEDURE in result.signers
+        for name in ("attestation.json", "attestation.json.sig"):
+            (shop / "weld_1" / name).unlink()
+        shutil.rmtree(shop / "chain")

@@ -1,0 +1,147 @@
+"""Results of checks of bags and signatures: codes with fields, and the one table of their words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated, Any
+
+from pydantic import Field, Strict
+
+from fsw_schema.models import InputError, Many, Model
+
+_MOST_FINDINGS = 5
+_BEFORE = "what happened to it before is not known"
+
+
+class Code(StrEnum):
+    """What a check found; its words have the finding's fields in braces."""
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> Code:
+        """A code with its words."""
+        code = str.__new__(cls, value)
+        code._value_, code.words = value, words
+        return code
+
+    # the files of a bag
+    UNREADABLE = "unreadable", "{reason}"
+    MISSING = "missing", "is missing"
+    UNLISTED = "unlisted", "is not in the manifest"
+    REORDERED = "reordered", "every piece is there, but not alone or in another order"
+    OTHER_FILE = "other_file", "is another file: none of its chunks is one that was recorded"
+    CHANGED = "changed", "{place}is not what was recorded"
+    NO_MANIFEST = "no_manifest", "the recorder did not write one: it was killed before, or had none to write"
+    HASHED_AFTERWARDS = "hashed_afterwards", f"hashed after the recording; {_BEFORE}"
+    RECOVERED = "recovered", "the bag is a copy that 'bag recover' made of {source}"
+    BAG_DAMAGED = "bag_damaged", "{problem}"
+    # signatures and keys
+    NOT_SIGNED = "not_signed", "has no signature"
+    SIGNATURE_DAMAGED = "signature_damaged", "the signature is damaged, or not one of this kind"
+    CONTENT_CHANGED = "content_changed", "the signature does not fit: the file was changed after it was signed"
+    OTHER_PURPOSE = "other_purpose", "was signed as {signed}, not as {needed}"
+    KEY_UNKNOWN = "key_unknown", "signed by key {key}, which is not a trusted one ({trusted})"
+    KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {needed}"
+    KEY_EARLY = "key_early", "signed by {name} at {at}, before the key {key} is valid ({limit})"
+    KEY_EXPIRED = "key_expired", "signed by {name} at {at}, after the key {key} expired ({limit})"
+    KEY_REVOKED = "key_revoked", "signed by {name} at {at}, but the key {key} is revoked since {limit}"
+    # what is signed together must be of one weld
+    RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: bag {bag}"
+    RECORD_OTHER_IDENTITY = "record_other_identity", "has {field} {stated}, the bag has {actual}"
+    RECORD_OTHER_PROCEDURE = "record_other_procedure", "was judged by procedure {stated}, the weld's is {actual}"
+    RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
+    OTHER_RECORD = "other_record", "was made of another record.json than the one that is attested with it"
+    OTHER_PROCEDURE = "other_procedure", "the weld ran by procedure {actual}, not by {stated}"
+    NO_PROCEDURE = "no_procedure", "cannot be judged: give the procedure of the weld, which the bag does not have"
+    DOUBLED_NAME = "doubled_name", "two of the files to attest have this name, by which they are listed; rename one"
+    # an attested bag
+    OTHER_WELD = "other_weld", "belongs to another weld (bag {bag}{identity}): none of its files is here"
+    OTHER_IDENTITY = "other_identity", "has {field} {stated}, metadata.yaml has {actual}"
+    OTHER_MANIFEST = "other_manifest", "is not the manifest that was attested; so files are compared as a whole"
+    OTHER_SIGNER = "other_signer", "is signed by key {key}, not by {stated}, which the attestation names"
+    DOCUMENT_CHANGED = "document_changed", "is not the file that was attested with weld {number}"
+    NOT_ATTESTED = "not_attested", "was not attested with weld {number}"
+    TIME_ORDER = "time_order", "{later} ({later_at}) is before {earlier} ({earlier_at})"
+    # the chain of welds
+    GAP = "gap", "numbers missing: {first} to {last}"
+    WRONG_NUMBER = "wrong_number", "is the attestation of weld {number}, not of weld {expected}"
+    BROKEN_LINK = "broken_link", "does not follow {before}, which was exchanged after it"
+    ATTESTED_TWICE = "attested_twice", "is a second attestation of weld {number} ({bag})"
+    CANISTER_TWICE = "canister_twice", "{identity} was welded as weld {number}, too"
+    NOT_IN_CHAIN = "not_in_chain", "weld {number}, which this bag is, is not in the chain"
+    OTHER_IN_CHAIN = "other_in_chain", "is another weld than this bag ({bag})"
+    EMPTY = "empty", "there is no attested weld in it"
+    # what a verification did not check
+    NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
+    CHAIN_END = "chain_end", "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes"
+    ALL_KEYS = "all_keys", "single keys given: no dates of validity and no revocations were checked"
+    MANIFEST_UNSIGNED = "manifest_unsigned", f"the recorder did not sign it: until it was attested, {_BEFORE}"
+    PROCEDURE_UNSIGNED = "procedure_unsigned", "procedure {id} was attested without a signature"
+    PROCEDURE_NOT_RECORDED = "procedure_not_recorded", "whether the weld ran by it is not in the bag"
+    DOCUMENT_ABSENT = "document_absent", "was attested with the bag and is not here; give it by --with"
+    DOCUMENT_FOREIGN = "document_foreign", "was attested as it was; nothing links its content to the bag"
+    NOT_JUDGED_AGAIN = "not_judged_again", "was compared with the bag when it was attested, not now"
+    CLOCK_UNKNOWN = "clock_unknown", "times are as stated: the recorder's clock was not known to be synchronized"
+
+
+class Place(Model):
+    """Consecutive pieces of a file."""
+
+    parts: Many[str]
+    """in words, e.g. ``chunk 17``"""
+    begin: int
+    end: int
+    """bytes"""
+    begin_s: float | None = None
+    end_s: float | None = None
+    """after the first message of the file"""
+
+    @property
+    def words(self) -> str:
+        """E.g. ``chunk 17 (bytes 1200 to 4800, 6.8 to 7.2 s after the first message)``."""
+        when = "" if self.begin_s is None else f", {self.begin_s:.1f} to {self.end_s:.1f} s after the first message"
+        return f"{' and '.join(self.parts)} (bytes {self.begin} to {self.end}{when})"
+
+
+class Finding(Model):
+    """What a check found in a file: a code and its fields; ``pieces`` are indices into those of the manifest."""
+
+    code: Annotated[Code, Strict(False)]
+    file: str
+    data: dict[str, Any] = Field(default_factory=dict)
+    pieces: Many[int] = ()
+    place: Place | None = None
+
+    @property
+    def line(self) -> str:
+        """In one line."""
+        place = f"{self.place.words} " if self.place else ""
+        text = self.code.words.format(**{"place": place, **self.data})
+        if "bytes" in self.data:
+            text += f"; the file has {self.data['bytes']} bytes instead of {self.data['listed_bytes']}"
+        return f"{self.file}: {text}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Code, fields and words."""
+        return {**self.model_dump(mode="json", exclude_defaults=True), "words": self.line}
+
+
+def finding(code: Code, file: object, **data: Any) -> Finding:
+    """A finding with the fields of its code."""
+    plain = {key: value if isinstance(value, int) else str(value) for key, value in data.items()}
+    return Finding(code=code, file=str(file), data=plain)
+
+
+class EvidenceError(InputError):
+    """Something is not what it has to be: its ``findings``, of which the message is the words."""
+
+    def __init__(self, *findings: Finding) -> None:
+        super().__init__(summary(findings))
+        self.findings = findings
+
+
+def summary(findings: Sequence[Finding]) -> str:
+    """Findings in one line."""
+    lines = [entry.line for entry in findings[:_MOST_FINDINGS]]
+    return "; ".join(lines + [f"and {len(findings) - _MOST_FINDINGS} more"] * (len(findings) > _MOST_FINDINGS))
