@@ -24,11 +24,17 @@ IN_PAGE = re.compile(rf"\b({'|'.join(sorted(PROSE))})\??\.(split|match|startsWit
 def holds_prose(node: ast.AST) -> bool:
     # a variable `text` is mostly what a person or a file gives
     names = PROSE - {"text"}
-    return (isinstance(node, ast.Attribute) and node.attr in PROSE) or (isinstance(node, ast.Name) and node.id in names)
+    if isinstance(node, ast.Attribute):
+        return node.attr in PROSE
+    return isinstance(node, ast.Name) and (node.id in names or node.id.endswith(("_reason", "_words")))
 
 
 def is_words(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(node.value.strip())
+
+
+def is_constant(node: ast.AST) -> bool:
+    return is_words(node) or (isinstance(node, ast.Name) and node.id.isupper())
 
 
 def reads(node: ast.AST) -> bool:
@@ -45,7 +51,9 @@ def reads(node: ast.AST) -> bool:
         [*operators], sides = node.ops, [node.left, *node.comparators]
         looks_in = isinstance(operators[0], ast.In | ast.NotIn) and is_words(sides[0]) and holds_prose(sides[1])
         is_equal = (
-            isinstance(operators[0], ast.Eq | ast.NotEq) and any(map(holds_prose, sides)) and any(map(is_words, sides))
+            isinstance(operators[0], ast.Eq | ast.NotEq)
+            and any(map(holds_prose, sides))
+            and any(map(is_constant, sides))
         )
         return looks_in or is_equal
     return False
@@ -73,10 +81,38 @@ def test_the_page_reads_no_sentence_of_ours():
         '"start infeasible" in candidate.reason',
         'message.removeprefix("refused: ")',
         'state.reason == "operator"',
+        "first_reason != NO_SET_POINT",
     ],
 )
 def test_a_sentence_that_is_read_is_found(line):
     assert sentences_read(line) == [1]
+
+
+#: message -> the field that says why or what, as a number; and the sentences that may go with it
+FACTS = {
+    "SupervisorState": ("uint8 cause", {"reason"}),
+    "ControllerHealth": ("uint8 lack", {"detail"}),
+    "WeldCommand": ("Reason why", set()),
+    "ControllerStatus": ("Reason why", set()),
+    "Reason": ("uint8 code", {"detail"}),
+    "OperatorAction": ("uint8 kind", {"action", "message"}),
+    "AlarmEvent": ("uint8 kind", {"text", "reason"}),
+}
+
+
+@pytest.mark.parametrize("name", FACTS)
+def test_messages_say_by_a_number_what_was_and_why(name):
+    lines = (ROOT / f"src/fsw_msgs/msg/{name}.msg").read_text("utf-8").splitlines()
+    fact, sentences = FACTS[name]
+    fields = [line.split()[:2] for line in lines if line.strip() and not line.startswith("#") and "=" not in line]
+    assert fact.split() in fields
+    told = PROSE | {"action", "event"}
+    assert {field for kind, field in fields if kind == "string" and field in told} == sentences
+
+
+def test_no_header_carries_a_term_or_a_name():
+    written = re.compile(r"frame_id\s*=(?!=)|\bHeader\([^)]*frame_id")
+    assert [path.name for path in PYTHON if written.search(path.read_text("utf-8"))] == []
 
 
 def test_spaces_may_be_put_in_order():

@@ -351,7 +351,8 @@ class Weld(Spinner):
                 )
                 moves.append((nearest, new))
         answers = [self.commands[stamp] for stamp in stamps if stamp in self.commands]
-        in_turn = [(source, next(group).reason) for source, group in itertools.groupby(answers, lambda one: one.source)]
+        groups = itertools.groupby(answers, lambda one: one.source)
+        in_turn = [(source, convert.reason(next(group)).words) for source, group in groups]
         return Outcome(
             exact=self.lockstep,
             ticks=len(stamps),

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
 from fsw_control.free_domain import free_domain
+from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand
 from fsw_scenario.graph import STANDBY
@@ -216,10 +217,10 @@ class AlarmWeld(Spinner):
         self.until(lambda: self.told(name)[-len(expected) :] == expected, f"the journal of {name}")
 
     def told(self, name):
-        return [one.event for one in self.journal if one.id == name]
+        return [AlarmChange(one.kind).word for one in self.journal if one.id == name]
 
     def seen(self):
-        return f"journal: {[(one.id, one.event) for one in self.journal]}"
+        return f"journal: {[(one.id, one.kind) for one in self.journal]}"
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ _SKIPPED = """settings limits _limits lockstep _lockstep reason cause since_ns t
     _origin_ns _periods manual _measured_s _answered_ns"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
-_WHETHER = frozenset(["inhibited", "problem", "failure", "fault_excused_reason", "refusal"])
+_WHETHER = frozenset(["inhibited", "problem", "failure", "excuse", "refusal"])
 #: numbers of ticks, and counts that matter no more when they are large
 _TICKS = frozenset(["foreign_tick", "_excused_tick"])
 #: times on the clock of the time-outs, which are multiples of a tick here

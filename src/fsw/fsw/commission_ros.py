@@ -71,7 +71,7 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         controller=state.actual_controller,
         ready=[one.name for one in state.controllers if health(one) == "ready"],
         interlocks=list(state.interlocks),
-        held=[one.reason or one.source for one in commands if one.source not in names],
+        held=[convert.reason(one).words or one.source for one in commands if one.source not in names],
     )
 
 

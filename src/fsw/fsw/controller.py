@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fsw_control.contract import Command, Limits, Measurement, Proposal, Reference
+from fsw_control.reason import Reason, ReasonCode
 
 
 class Controller:
@@ -46,7 +47,7 @@ class Controller:
         """The proposal of this tick, see :class:`fsw_control.contract.Controller`."""
         invalid = [one for one in measurement.invalid_sensors() if one not in self.tolerated_sensors]
         if invalid:
-            return Proposal(applied, healthy=False, reason=f"no {', '.join(invalid)}")
+            return Proposal(applied, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(invalid)))
         return Proposal(self.limits.clip(self.command(measurement, reference, applied), applied))
 
     def reset(self, applied: Command) -> None:

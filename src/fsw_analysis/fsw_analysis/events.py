@@ -12,16 +12,16 @@ from fsw_analysis.messages import Kind, Table
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
+from fsw_control.journal import AlarmChange, RequestKind
 
 STATE: dict[str, Kind] = {
     "actual_controller": "text",
     "actual_mode": "text",
     "reason": "text",
-    "cause": "number",
-    "who": "text",
-    "leader": "text",
     "interlocks": "texts",
 }
+#: which older bags lack: their causes are not on record, nor who asked, nor that another supervisor took over
+STATE_ADDED: dict[str, Kind] = {"cause": "number", "who": "text", "leader": "text"}
 PROGRESS: dict[str, Kind] = {
     "state": "text",
     "phase": "text",
@@ -32,21 +32,23 @@ PROGRESS: dict[str, Kind] = {
 }
 ACTION: dict[str, Kind] = {
     "who": "text",
-    "holder": "text",
     "action": "text",
     "outcome": "text",
     "message": "text",
 }
+#: which older bags lack: who had control then
+ACTION_ADDED: dict[str, Kind] = {"holder": "text", "kind": "number"}
 ALARM: dict[str, Kind] = {
-    "event": "text",
     "priority": "text",
     "text": "text",
     "who": "text",
     "reason": "text",
-    "shelved_for": "number",
 }
-#: events of the alarm journal that are shown; the others follow from them
-_ALARMS = ("raised", "re-raised", "worsened", "shelved")
+#: what became of the alarm, in older bags by its name, and for how long it was shelved
+ALARM_CHANGE: dict[str, Kind] = {"kind": "number", "event": "text", "shelved_for": "number"}
+#: changes of the alarm journal that are shown; the others follow from them
+_SHOWN = (AlarmChange.RAISED, AlarmChange.RE_RAISED, AlarmChange.WORSENED, AlarmChange.SHELVED)
+_CHANGES = {change.word: change for change in AlarmChange}
 #: by former and present state of the programme
 _STATES = {("held", "running"): "resumed"}
 
@@ -107,16 +109,20 @@ def _interlock(name: str) -> tuple[str, str]:
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
     """Requests made on the operator's page, and their outcome."""
-    for time_s, (who, holder, action, outcome, message) in _in_order(times_s, actions, *ACTION):
-        yield WeldEvent(time_s, "operator", action, outcome, who=who, detail=message, data={"holder": holder})
+    for time_s, (who, action, outcome, message, holder, kind) in _in_order(times_s, actions, *ACTION, *ACTION_ADDED):
+        request = RequestKind(0 if np.isnan(kind) else int(kind))
+        data = {"holder": holder, "request": request.word}
+        yield WeldEvent(time_s, "operator", action, outcome, who=who, detail=message, data=data)
 
 
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
     """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
-    for time_s, (event, priority, text, who, reason, shelved_for_s) in _in_order(times_s, journal, *ALARM):
-        if event in _ALARMS:
+    fields = (*ALARM, *ALARM_CHANGE)
+    for time_s, (priority, text, who, reason, kind, name, shelved_for_s) in _in_order(times_s, journal, *fields):
+        change = _CHANGES.get(name, AlarmChange.UNKNOWN) if np.isnan(kind) else AlarmChange(int(kind))
+        if change in _SHOWN:
             why = f"{shelved_for_s / 60.0:.3g} min: {reason}" if shelved_for_s > 0.0 else reason
-            yield WeldEvent(time_s, "alarm", text, event, who=who, detail=why, data={"priority": priority})
+            yield WeldEvent(time_s, "alarm", text, change.word, who=who, detail=why, data={"priority": priority})
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

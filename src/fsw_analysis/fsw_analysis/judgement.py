@@ -111,6 +111,7 @@ def judge(
     book: RuleBook,
     *,
     running: bool = False,
+    recorded: bool = True,
     unusable: Mapping[str, Mapping[str, int]] | None = None,
 ) -> Account:
     """Judge a weld by a rule book.
@@ -123,11 +124,13 @@ def judge(
         A procedure, or the defaults.
     running : bool
         The weld is not over: that it lacks its end is no fault.
+    recorded : bool
+        It comes from a bag, which must show that nothing was lost; else it was simulated or watched in this process.
     unusable : mapping, optional
         Samples that are not used, by sensor and reason; by default they are counted here.
     """
     course = course_of(signals)
-    evidence = _evidence(signals, book, unusable_samples(course) if unusable is None else unusable)
+    evidence = _evidence(signals, book, recorded, unusable_samples(course) if unusable is None else unusable)
     found = exceedances(course, book)
     procedure = book if isinstance(book, Procedure) else None
     rules = [
@@ -146,10 +149,9 @@ def judge(
     return Account(course, evidence, found, rules)
 
 
-def _evidence(signals: WeldSignals, book: RuleBook, unusable: Mapping[str, Mapping[str, int]]) -> Evidence:
-    recorded = bool(
-        signals.counts or signals.custom
-    )  # else simulated in this process, or on its way: nothing can be lost
+def _evidence(
+    signals: WeldSignals, book: RuleBook, recorded: bool, unusable: Mapping[str, Mapping[str, int]]
+) -> Evidence:
     lost = signals.custom.get("lost_messages", "")
     start_ns = int(signals.stamp_ns[0])
     return Evidence(

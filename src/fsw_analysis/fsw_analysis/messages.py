@@ -172,17 +172,19 @@ class WeldMessages:
         if damaged:
             self.problems.append(f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out")
 
-    def table(self, name: str, wanted: Mapping[str, Kind]) -> Table:
+    def table(self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None) -> Table:
         """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.
 
-        NaN or empty values stand for a field that its type does not have.
+        NaN or empty values stand for a field that its type does not have, which is told as a problem unless the field
+        is ``optional``: of other versions of the messages.
         """
+        kinds = {**wanted, **(optional or {})}
         times: list[tuple[int, int, int]] = []
         values: dict[str, list[Any]] = {}
         getters: list[tuple[list[Any], Any]] = []
         for log_ns, publish_ns, message in self.decoded(name):
             if not times:
-                values = {path: [] for path, kind in wanted.items() if _has(message, path, kind)}
+                values = {path: [] for path, kind in kinds.items() if _has(message, path, kind)}
                 getters = [(column, attrgetter(path)) for path, column in values.items()]
             times.append((log_ns, publish_ns, stamp_of(message)))
             for column, get in getters:
@@ -191,7 +193,7 @@ class WeldMessages:
             topic = self.topics[name]
             self.problems.append(f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}")
         columns = {}
-        for path, kind in wanted.items():
+        for path, kind in kinds.items():
             found = values.get(path, [_KINDS[kind][1]] * len(times))
             columns[path] = np.fromiter(found, float if kind == "number" else object, len(times))
         return Table(times, columns)

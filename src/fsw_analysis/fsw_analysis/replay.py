@@ -18,6 +18,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages
+from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
@@ -25,6 +26,7 @@ from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import Source, load, load_source, validate
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.units import NANOSECONDS, kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
 from fsw_control.validity import SensorGuard, sensor_limits
@@ -34,11 +36,11 @@ from fsw_recorder.errors import BagError
 #: from the controller's parameters to the controller
 Make = Callable[[dict[str, Any]], Controller]
 #: force [N], speed [rad/s], and health with its reason where it is compared, too
-Recorded = tuple[float, float, tuple[bool, str] | None]
+Recorded = tuple[float, float, tuple[bool, Reason] | None]
 Entry = TypeVar("Entry")
 
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
-_PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
+_PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,11 +212,13 @@ def replay(
 
 
 def _difference(
-    proposal: Proposal, force_n: float, speed_rad_s: float, was: tuple[bool, str] | None
+    proposal: Proposal, force_n: float, speed_rad_s: float, was: tuple[bool, Reason] | None
 ) -> tuple[float, float, float, str] | None:
     """Force [kN], speed [rpm], size and words by which a proposal differs from the recorded one; None if in nothing."""
     new_force_n, new_speed_rad_s = n_from_kn(proposal.command.force_kn), rad_s_from_rpm(proposal.command.speed_rpm)
-    now = (proposal.healthy, proposal.reason)
+    now = (proposal.healthy, Reason.of(proposal.reason))
+    if was is not None and was[1].code is ReasonCode.OTHER:  # words, as of older bags, may be other ones today
+        was = (was[0], now[1])
     text = "" if was in (None, now) else f"was {_health(*was or now)}, is {_health(*now)}"
     if _same(new_force_n, force_n) and _same(new_speed_rad_s, speed_rad_s) and not text:
         return None
@@ -227,8 +231,8 @@ def _same(first: float, second: float) -> bool:
     return first == second or (math.isnan(first) and math.isnan(second))
 
 
-def _health(healthy: bool, reason: str) -> str:
-    return ("healthy" if healthy else "not healthy") + (f" ({reason})" if reason else "")
+def _health(healthy: bool, reason: Reason) -> str:
+    return ("healthy" if healthy else "not healthy") + (f" ({reason.words})" if reason else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +262,7 @@ class _Inputs:
         missing += [] if self._sent or self._held else [SENT]
         if missing:
             raise BagError(f"{messages.path}: cannot be replayed, it has no {', '.join(missing)}")
-        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL).without_repetitions()
+        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL, FIELDS).without_repetitions()
         self._stated = read_set_points(messages, f"/fsw/{name}/reference")
         self._plans = read_plans(messages)
         #: stamp and command, in order of receipt
@@ -328,8 +332,8 @@ class _Inputs:
             (one.stamp_ns, known.get((round(one.depth_mm, 9), one.temperature_c), one.reference))
             for one in self._stated
         ]
-        first_reason = self._own.column("reason")[0] if self._own else ""
-        if not points or (points[0][0] > self.stamps[0] and first_reason != NO_SET_POINT):
+        waited = bool(self._own) and reasons(self._own)[0] == NO_SET_POINT
+        if not points or (points[0][0] > self.stamps[0] and not waited):
             sent = timeline(self._sent, self._held, self.stamps, self.came, notes)
             points = [*(one for one in sent if not points or one[0] < points[0][0]), *points]
         if self._by_hand():
@@ -385,7 +389,8 @@ class _Inputs:
         if not self._own:
             return [None] * len(self.stamps)
         columns = (self._own.column(path).tolist() for path in _PROPOSAL)
-        return [(force, speed, (bool(healthy), reason)) for force, speed, healthy, reason in zip(*columns, strict=True)]
+        rows = zip(*columns, reasons(self._own), strict=True)
+        return [(force, speed, (bool(healthy), reason)) for force, speed, healthy, reason in rows]
 
     def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
         """The command applied in each tick; of several commands with one stamp the first, as in the plant."""

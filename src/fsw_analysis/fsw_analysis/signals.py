@@ -11,6 +11,7 @@ import numpy as np
 
 from fsw_analysis import events
 from fsw_analysis.messages import SENSOR_FIELDS, Column, Kind, Table, WeldMessages
+from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
     MM,
@@ -59,6 +60,8 @@ class _Ticks:
             return self.align(table, table.column(path) * factor)
         if kind == "latency":
             return self.align(table, (table.log_ns - self.log_ns[self._rows(table)]) * 1e-9)
+        if kind == "reason":
+            return self.align(table, np.array([one.words for one in reasons(table)], object))
         values = table.column(path)
         return self.align(table, values if kind == "text" else np.array([",".join(one) for one in values], object))
 
@@ -104,9 +107,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     messages = WeldMessages(path, progress)
     sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
-    command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"})
+    command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"}, FIELDS)
     drives = messages.table("/fsw/drives", _wanted(DriveSignals))
-    state = messages.table("/fsw/supervisor/state", events.STATE)
+    state = messages.table("/fsw/supervisor/state", events.STATE, events.STATE_ADDED)
     ticks = _Ticks(_sources(messages, list(sensors.values()), [truth, command]))
     depth, torque, temperature = (
         ticks.align(table, table.column(SENSOR_FIELDS[name][1])) for name, table in sensors.items()
@@ -159,10 +162,10 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
 
 def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
     """Add the programme that was played, its phases, alarms, and operators' actions."""
-    journal = messages.table("/fsw/alarms", events.ALARM)
+    journal = messages.table("/fsw/alarms", events.ALARM, events.ALARM_CHANGE)
     weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)
-    actions = messages.table("/fsw/operator_action", events.ACTION)
+    actions = messages.table("/fsw/operator_action", events.ACTION, events.ACTION_ADDED)
     times_s = ticks.times_s(progress)
     weld.phases = events.phases(times_s, progress)
     weld.events += [*events.of_progress(times_s, progress), *events.of_actions(ticks.times_s(actions), actions)]
@@ -193,7 +196,7 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
 
 def _proposals(messages: WeldMessages, ticks: _Ticks) -> dict[str, ProposalSignals]:
     wanted = _wanted(ProposalSignals)
-    tables = {name: messages.table(topic, wanted) for name, topic in messages.controllers("proposal").items()}
+    tables = {name: messages.table(topic, wanted, FIELDS) for name, topic in messages.controllers("proposal").items()}
     return {name: ticks.group(ProposalSignals, table) for name, table in tables.items() if table}
 
 
@@ -201,7 +204,7 @@ def _statuses(messages: WeldMessages, ticks: _Ticks) -> dict[str, StatusSignals]
     wanted: dict[str, Kind] = {**_wanted(StatusSignals), "disturbance_names": "texts", "disturbances": "numbers"}
     statuses: dict[str, StatusSignals] = {}
     for name, topic in messages.controllers("status").items():
-        if table := messages.table(topic, wanted):
+        if table := messages.table(topic, wanted, FIELDS):
             statuses[name] = ticks.group(StatusSignals, table)
             statuses[name].disturbances = _disturbances(ticks, table)
     return statuses

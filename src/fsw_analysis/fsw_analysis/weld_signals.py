@@ -32,7 +32,7 @@ def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
     """Where a signal comes from: the field of the message, the factor to the paper's unit, and the kind of the field.
 
-    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and ``latency``, which is of no field.
+    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and of no single field ``latency`` and ``reason``.
     """
     return {"path": path, "factor": factor, "kind": kind}
 
@@ -48,7 +48,7 @@ class ProposalSignals:
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
     speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
     healthy: FloatArray = field(metadata=of("healthy"))
-    reason: TextArray = field(metadata=of("reason", kind="text"))
+    reason: TextArray = field(metadata=of("", kind="reason"))
     latency_s: FloatArray = field(metadata=of("", kind="latency"))
 
 
@@ -69,7 +69,7 @@ class StatusSignals:
     iterations: FloatArray = field(metadata=of("iterations"))
     bad_cycles: FloatArray = field(metadata=of("bad_cycles"))
     solver_status: TextArray = field(metadata=of("solver_status", kind="text"))
-    reason: TextArray = field(metadata=of("reason", kind="text"))
+    reason: TextArray = field(metadata=of("", kind="reason"))
     active_limits: TextArray = field(metadata=of("active_limits", kind="texts"))
     disturbances: dict[str, FloatArray] = field(default_factory=dict)
 

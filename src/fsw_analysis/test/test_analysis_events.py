@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
 from fsw_analysis import events
 from fsw_analysis.messages import Table
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
+from fsw_control.journal import AlarmChange, RequestKind
+
+ANNA = "anna (3f2a)"
 
 
 def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
@@ -87,24 +91,31 @@ def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
 
 def test_what_operators_did() -> None:
     times, actions = table(
-        list(events.ACTION),
-        (1.0, "anna (3f2a)", "anna (3f2a)", "switch decentral", "refused", "decentral is not ready"),
-        (2.0, "anna (3f2a)", "", "safe_stop", "done", ""),
+        [*events.ACTION, *events.ACTION_ADDED],
+        (1.0, ANNA, "switch decentral", "refused", "decentral is not ready", ANNA, int(RequestKind.SWITCH)),
+        (2.0, ANNA, "safe_stop", "done", "", "", np.nan),
     )
-    assert told(events.of_actions(times, actions)) == [
+    found = list(events.of_actions(times, actions))
+    assert [one.data["request"] for one in found] == ["switch", "unknown"], "the last is of an older bag"
+    assert told(found) == [
         (1.0, "operator", "anna (3f2a): switch decentral: refused: decentral is not ready"),
         (2.0, "operator", "anna (3f2a): safe_stop: done"),
     ]
 
 
-def test_alarms_that_came_and_were_shelved() -> None:
+@pytest.mark.parametrize("is_old", [False, True])
+def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
+    def of(change: AlarmChange, who: str = "", reason: str = "", shelved_for_s: float = 0.0) -> tuple[Any, ...]:
+        kind = (np.nan, change.word) if is_old else (int(change), "")
+        return ("medium", "Depth off its set-point", who, reason, *kind, shelved_for_s)
+
     times, journal = table(
-        list(events.ALARM),
-        (1.0, "raised", "medium", "Depth off its set-point", "", "", 0.0),
-        (2.0, "shelved", "medium", "Depth off its set-point", "anna (3f2a)", "known", 300.0),
-        (3.0, "cleared", "medium", "Depth off its set-point", "", "", 0.0),
-        (4.0, "re-raised", "medium", "Depth off its set-point", "", "", 0.0),
-        (5.0, "acknowledged", "medium", "Depth off its set-point", "anna (3f2a)", "", 0.0),
+        [*events.ALARM, *events.ALARM_CHANGE],
+        (1.0, *of(AlarmChange.RAISED)),
+        (2.0, *of(AlarmChange.SHELVED, ANNA, "known", 300.0)),
+        (3.0, *of(AlarmChange.CLEARED)),
+        (4.0, *of(AlarmChange.RE_RAISED)),
+        (5.0, *of(AlarmChange.ACKNOWLEDGED, ANNA)),
     )
     assert told(events.of_alarms(times, journal)) == [
         (1.0, "alarm", "medium alarm raised: Depth off its set-point"),
@@ -114,6 +125,7 @@ def test_alarms_that_came_and_were_shelved() -> None:
 
 
 def test_nothing_happens_where_nothing_was_recorded() -> None:
-    journal = (events.ALARM, events.of_alarms)
-    for names, of in ((events.PROGRESS, events.of_progress), (events.STATE, events.of_state), journal):
+    journal = (events.ALARM | events.ALARM_CHANGE, events.of_alarms)
+    state = (events.STATE | events.STATE_ADDED, events.of_state)
+    for names, of in ((events.PROGRESS, events.of_progress), state, journal):
         assert told(of(*table(list(names)))) == []

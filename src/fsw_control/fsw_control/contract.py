@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
+from fsw_control.reason import Reason
 
 Sensor = Literal["depth", "torque", "thermocouple"]
 SENSORS: tuple[str, ...] = get_args(Sensor)
@@ -177,12 +178,13 @@ class Diagnosis:
 class Proposal:
     """What a controller would apply at this tick.
 
-    ``healthy`` false means: do not apply; ``reason`` says why in words.
+    ``healthy`` false means: do not apply; ``reason`` says why. A controller may give words of its own, which reach the
+    graph as ``ReasonCode.OTHER``.
     """
 
     command: Command
     healthy: bool = True
-    reason: str = ""
+    reason: Reason | str = Reason()  # noqa: RUF009  # immutable
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
 
 

@@ -23,6 +23,7 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import Source, load, load_source, problem
 from fsw_control.parameters_ros import ParameterValues, declare
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
@@ -76,7 +77,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
         self._ticks = WeldTicks(self, self._consume, initial, self._settings["period"], await_drives=self._lockstep)
         self._applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
-        self._health: tuple[bool, str] | None = None
+        self._health: tuple[bool, Reason] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
         self._steps = 0
         self._unhealthy_steps = 0
@@ -194,11 +195,11 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self.get_logger().error(f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0)
 
     def _note_health(self, proposal: Proposal) -> None:
-        health = (proposal.healthy, proposal.reason)
+        health = (proposal.healthy, Reason.of(proposal.reason))
         if health == self._health:
             return
         if not proposal.healthy:
-            self.get_logger().warning(f"unhealthy: {proposal.reason}", throttle_duration_sec=0.5)
+            self.get_logger().warning(f"unhealthy: {health[1].words}", throttle_duration_sec=0.5)
         elif self._health is not None and not self._health[0]:
             self.get_logger().info("healthy again")
         self._health = health
@@ -209,7 +210,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._stream_of_ticks = False
 
     def _publish_diagnostics(self) -> None:
-        healthy, reason = self._health or (False, "no measurement received yet")
+        healthy, why = self._health or (False, Reason(ReasonCode.OTHER, detail="no measurement received yet"))
+        reason = why.words
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, reason = False, "measurements have stopped"
         faults = [f"{sensor}: {why}" for sensor, why in self._guard.reasons.items() if why]

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
+from fsw_control.reason import Reason, ReasonCode
 
-#: reason of a controller that has nothing to follow yet
-NO_SET_POINT = "no set-point yet"
+#: of a controller that has nothing to follow yet
+NO_SET_POINT = Reason(ReasonCode.NO_SET_POINT)
 
 
 def answer(
@@ -18,7 +19,7 @@ def answer(
 
     That is where it raises, where its command is not finite, where a sensor that it needs is invalid, and where
     there is no set-point yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
-    The arguments are those of :meth:`fsw_control.Controller.step`.
+    Its reason is a :class:`~fsw_control.reason.Reason`. The arguments are those of :meth:`fsw_control.Controller.step`.
     """
     if reference is None:
         return Proposal(applied, healthy=False, reason=NO_SET_POINT)
@@ -26,16 +27,20 @@ def answer(
     try:
         proposal = controller.step(measurement, reference, applied, dt_s)
         refused = refusal(proposal.command)
-        if proposal.healthy not in (True, False) or not isinstance(proposal.reason, str):
+        if proposal.healthy not in (True, False) or not isinstance(proposal.reason, str | Reason):
             raise TypeError(f"healthy is {proposal.healthy!r}, reason is {proposal.reason!r}")
         if not (m.depth_valid and m.torque_valid and m.temperature_valid):
             needed = [name for name in m.invalid_sensors() if name not in controller.tolerated_sensors]
     except Exception as error:
         # A user's controller may fail in any way; the weld must go on under another one.
         text = " ".join(str(error).split())
-        return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
+        raised = Reason(ReasonCode.RAISED, detail=f"{type(error).__name__}: {text}")
+        return Proposal(applied, healthy=False, reason=raised)
     if refused is not None:
-        return Proposal(applied, healthy=False, reason=f"command is {refused.words}", diagnosis=proposal.diagnosis)
+        bad = Reason(ReasonCode.BAD_COMMAND, detail=refused.words)
+        return Proposal(applied, healthy=False, reason=bad, diagnosis=proposal.diagnosis)
     if proposal.healthy and needed:
-        return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
+        return replace(proposal, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(needed)))
+    if isinstance(proposal.reason, str):
+        return replace(proposal, reason=Reason.of(proposal.reason))
     return proposal

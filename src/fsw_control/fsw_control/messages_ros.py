@@ -15,6 +15,7 @@ from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.ranges import set_point_problem
 from fsw_control.readiness import Lack, Readiness
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
@@ -30,6 +31,7 @@ from fsw_msgs.msg import (
     WeldReference,
     WeldReferencePlan,
 )
+from fsw_msgs.msg import Reason as ReasonMessage
 from fsw_msgs.msg import Stop as StopMessage
 from fsw_msgs.srv import SetMode, SetReference, SwitchController
 
@@ -184,7 +186,9 @@ def command(message: WeldCommand | DriveFeedback) -> Command:
     return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
 
 
-def command_message(value: Command, time_ns: int, source: str, healthy: bool = True, reason: str = "") -> WeldCommand:
+def command_message(
+    value: Command, time_ns: int, source: str, healthy: bool = True, why: Reason | str = ""
+) -> WeldCommand:
     """Command or proposal message that answers the measurement of ``time_ns``."""
     return WeldCommand(
         header=header(time_ns),
@@ -192,7 +196,7 @@ def command_message(value: Command, time_ns: int, source: str, healthy: bool = T
         spindle_speed=units.rad_s_from_rpm(value.speed_rpm),
         source=source,
         healthy=healthy,
-        reason=reason,
+        why=reason_message(why),
     )
 
 
@@ -206,7 +210,7 @@ def status_message(
         header=header(time_ns),
         controller=controller,
         healthy=proposal.healthy,
-        reason=proposal.reason,
+        why=reason_message(proposal.reason),
         selected=applied_source == controller,
         tolerated_sensors=list(tolerated_sensors),
         depth_estimate=units.m_from_mm(diagnosis.depth_estimate_mm),
@@ -286,6 +290,18 @@ def mode_request(mode: str, force_kn: float | None = None, speed_rpm: float | No
         axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
         spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
     )
+
+
+def reason(message: WeldCommand | ControllerStatus) -> Reason:
+    """Why a command must not be applied, or why its source commands."""
+    why = message.why
+    return Reason(ReasonCode(why.code), tuple(why.sensors), float(why.limit), why.detail)
+
+
+def reason_message(given: Reason | str) -> ReasonMessage:
+    """A reason as a message; words are a controller's own."""
+    why = Reason.of(given)
+    return ReasonMessage(code=int(why.code), sensors=list(why.sensors), limit=why.limit_s, detail=why.detail)
 
 
 def readiness(message: ControllerHealth) -> Readiness:

@@ -14,8 +14,9 @@ from rclpy.node import Node
 from fsw_control.reports_ros import INSTANCE
 from fsw_msgs.msg import ShoulderDepth
 
-#: text of a plant's diagnostics during the search
-STARTING = "looking for another plant"
+#: text and values of a plant's diagnostics during the search
+SEARCHING = "looking for another plant"
+STARTING = {"starting": "yes"}
 #: A running plant reports once a second; a publisher that is silent for longer was left behind by a killed process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
@@ -92,11 +93,12 @@ class SingleInstanceGuard:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            other = next((pair.value for pair in status.values if pair.key == INSTANCE), "")
+            values = {pair.key: pair.value for pair in status.values}
+            other = values.get(INSTANCE, "")
             if other == self.instance or not other.startswith(PREFIX) or not other.endswith(f"@{self._topic}"):
                 continue
             # Of two that start together the one with the lower number may stay.
-            if status.message != STARTING or other < self.instance:
+            if not values.items() >= STARTING.items() or other < self.instance:
                 self._heard = "a plant runs already"
 
 

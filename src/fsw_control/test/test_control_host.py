@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Measurement, Proposal, Reference
 from fsw_control.host import answer
+from fsw_control.reason import Reason, ReasonCode
 
 APPLIED = Command(78.0, 400.0)
 REFERENCE = Reference(2.66, 850.0)
@@ -40,7 +41,7 @@ def test_good_proposal_passes_unchanged():
 def test_exception_becomes_an_unhealthy_proposal_in_one_line():
     proposal = answer(Scripted(RuntimeError("no\nsolution")), GOOD, REFERENCE, APPLIED, 0.1)
     assert proposal.command == APPLIED and not proposal.healthy
-    assert proposal.reason == "controller raised RuntimeError: no solution"
+    assert proposal.reason == Reason(ReasonCode.RAISED, detail="RuntimeError: no solution")
 
 
 @pytest.mark.parametrize(
@@ -68,7 +69,7 @@ def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
     assert answer(Scripted(proposal), no_torque, REFERENCE, APPLIED, 0.1).healthy
     no_depth = Measurement(0.0, math.nan, math.nan, 850.0, depth_valid=False, torque_valid=False)
     refused = answer(Scripted(proposal), no_depth, REFERENCE, APPLIED, 0.1)
-    assert not refused.healthy and refused.reason == "invalid sensor: depth"
+    assert not refused.healthy and refused.reason == Reason(ReasonCode.INVALID_SENSOR, ("depth",))
 
 
 def test_tolerated_sensors_that_are_nonsense_make_unhealthy():
@@ -80,4 +81,4 @@ def test_tolerated_sensors_that_are_nonsense_make_unhealthy():
 
 def test_without_reference_there_is_no_healthy_proposal():
     proposal = answer(Scripted(Proposal(Command(1.0, 1.0))), GOOD, None, APPLIED, 0.1)
-    assert proposal.command == APPLIED and proposal.reason == "no set-point yet"
+    assert proposal.command == APPLIED and proposal.reason.code is ReasonCode.NO_SET_POINT

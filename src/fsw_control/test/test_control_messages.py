@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
+from fsw_control.reason import Reason
 from fsw_msgs.msg import WeldReference
 
 finite = st.floats(-1e6, 1e6)
@@ -25,7 +26,7 @@ def test_stamps_are_kept_exactly(time_ns):
 def test_commands_come_back(force, speed, time_ns):
     message = convert.command_message(Command(force, speed), time_ns, "me", False, "why")
     assert convert.stamp_ns(message.header.stamp) == time_ns
-    assert (message.source, message.healthy, message.reason) == ("me", False, "why")
+    assert (message.source, message.healthy, convert.reason(message)) == ("me", False, Reason.of("why"))
     back = convert.command(message)
     assert back.force_kn == pytest.approx(force, rel=1e-12, abs=1e-12)
     assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
@@ -64,7 +65,7 @@ def test_status_carries_the_diagnosis():
     assert list(status.disturbance_names) == ["force [N]", "temperature [degC]", "odd"]
     assert list(status.disturbances) == [2000.0, -1.0, 3.0]
     assert (status.solver_status, status.iterations, status.solve_time) == ("solved", 4, 1e-3)
-    assert (status.healthy, status.reason, status.selected) == (False, "why", True)
+    assert (status.healthy, convert.reason(status), status.selected) == (False, Reason.of("why"), True)
 
 
 @pytest.mark.parametrize("source", ["safe_stop", "other", ""])

@@ -12,6 +12,7 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import (
     ControllerStatus,
@@ -158,7 +159,7 @@ def test_answers_a_tick_with_its_stamp_in_si_units(start):
     peer.refer()
     proposal = peer.tick(7)
     assert convert.stamp_ns(proposal.header.stamp) == 7 * STEP_NS
-    assert (proposal.source, proposal.healthy, proposal.reason) == ("echo", True, "")
+    assert (proposal.source, proposal.healthy, convert.reason(proposal)) == ("echo", True, Reason())
     assert proposal.axial_force == pytest.approx(79_400.0)
     assert proposal.spindle_speed == pytest.approx(407.576 * math.pi / 30.0)
     measurement, reference, applied, dt_s = peer.controller.seen[0]
@@ -207,7 +208,7 @@ def test_follows_the_applied_command_of_the_tick_before(start):
 def test_without_reference_it_is_not_healthy(start):
     proposal = start().tick(0)
     assert not proposal.healthy
-    assert proposal.reason == "no set-point yet"
+    assert proposal.why.code == ReasonCode.NO_SET_POINT
 
 
 @pytest.mark.parametrize("sender_is_gone", [True, False])
@@ -253,8 +254,8 @@ def test_missing_sensor_is_bridged_then_unhealthy_with_the_reason(start):
     peer.tick(0)
     answers = [peer.tick(k, sensors=("torque", "thermocouple")) for k in range(1, 7)]
     assert answers[0].healthy and not answers[-1].healthy
-    assert answers[-1].reason == "invalid sensor: depth"
-    assert peer.tick(7).reason == "invalid sensor: depth"
+    assert convert.reason(answers[-1]) == Reason(ReasonCode.INVALID_SENSOR, ("depth",))
+    assert peer.tick(7).why.code == ReasonCode.INVALID_SENSOR
     peer.tick(8)
     assert peer.tick(9).healthy
 
@@ -297,7 +298,7 @@ def test_exception_in_the_controller_is_told_and_survived(start):
     peer.controller.raises = True
     proposal = peer.tick(1)
     assert not proposal.healthy
-    assert "broken on purpose" in proposal.reason
+    assert "broken on purpose" in proposal.why.detail
     peer.until(lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"]))
     peer.controller.raises = False
     assert peer.tick(2).healthy

@@ -9,8 +9,10 @@ from typing import Any
 from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load, problem
+from fsw_control.reason import Reason, ReasonCode
 from fsw_decentral.gains import Gains
-from fsw_decentral.library import KERNEL, Limit, Reason, check, make
+from fsw_decentral.library import KERNEL, Limit, check, make
+from fsw_decentral.library import Reason as Fault
 
 
 class DecentralController:
@@ -81,18 +83,18 @@ class DecentralController:
             active_limits=tuple(limit.name.lower() for limit in Limit if touched & limit) if touched else (),
             bad_cycles=outputs.bad_cycles,
         )
-        reason = self._reason(outputs.reason) if outputs.reason else ""
+        reason = self._reason(outputs.reason) if outputs.reason else Reason()
         return Proposal(Command(outputs.force_kn, outputs.speed_rpm), bool(outputs.healthy), reason, diagnosis)
 
-    def _reason(self, reason: int) -> str:
-        if reason == Reason.NO_DEPTH:
-            return "no valid depth, force held"
-        if reason == Reason.OVERFLOW:
-            return "samples beyond all range, loops start again"
-        if reason == Reason.OUT_OF_BOUNDS:
-            return "the applied command is more than a move outside the bounds"
-        sensor = "torque" if reason == Reason.NO_TORQUE else "temperature"
-        return f"no valid {sensor} for more than {self._values['blind_limit']:g} s"
+    def _reason(self, fault: int) -> Reason:
+        if fault == Fault.NO_DEPTH:
+            return Reason(ReasonCode.FORCE_HELD, ("depth",))
+        if fault == Fault.OVERFLOW:
+            return Reason(ReasonCode.OVERFLOW)
+        if fault == Fault.OUT_OF_BOUNDS:
+            return Reason(ReasonCode.OUT_OF_BOUNDS)
+        sensor = "torque" if fault == Fault.NO_TORQUE else "thermocouple"
+        return Reason(ReasonCode.BLIND, (sensor,), self._values["blind_limit"])
 
 
 def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
 from fsw_control.parameters import load
+from fsw_control.reason import ReasonCode
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
@@ -167,7 +168,7 @@ def test_without_torque_the_weld_goes_on_for_a_while_then_it_is_said():
     rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("torque",) if t >= 5.0 else ())
     assert all(row[4].healthy for row in rows if row[0] < 14.9)
     assert not rows[-1][4].healthy
-    assert "torque" in rows[-1][4].reason
+    assert rows[-1][4].reason.sensors == ("torque",)
     assert abs(rows[-1][2] - TEMPERATURE_C) < 1.0
     assert all(math.isfinite(row[4].command.speed_rpm) for row in rows)
 
@@ -176,7 +177,7 @@ def test_without_temperature_the_power_is_held():
     controller = DecentralController({"blind_limit": 10.0})
     rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("thermocouple",) if t >= 5.0 else ())
     assert all(row[4].healthy for row in rows if row[0] < 14.9)
-    assert "temperature" in rows[-1][4].reason
+    assert rows[-1][4].reason.sensors == ("thermocouple",)
     assert abs(rows[-1][2] - TEMPERATURE_C) < 1.0
 
 
@@ -263,7 +264,7 @@ def test_a_torque_beyond_all_range_starts_the_loops_again():
     controller = DecentralController({"feedforward_filter": 0.0})
     reasons = [controller.step(measured(k, torque=1e20 if k == 1 else 1e3), REFERENCE, NOMINAL, 0.1) for k in range(4)]
     assert [proposal.healthy for proposal in reasons] == [True, False, True, True]
-    assert reasons[1].reason == "samples beyond all range, loops start again"
+    assert reasons[1].reason.code is ReasonCode.OVERFLOW
     assert reasons[1].command == NOMINAL
 
 
@@ -368,7 +369,7 @@ def test_an_absurd_applied_command_is_told_and_leaves_nothing_behind(force_kn):
         proposal = controller.step(measured(1), REFERENCE, Command(force_kn, NOMINAL.speed_rpm), 0.1)
         bound = controller.limits.force_max_kn if force_kn > 90.0 else controller.limits.force_min_kn
         assert (proposal.healthy, proposal.command.force_kn) == (False, bound)
-        assert "outside the bounds" in proposal.reason
+        assert proposal.reason.code is ReasonCode.OUT_OF_BOUNDS
     for k in range(3):
         proposal = controller.step(measured(2 + k), REFERENCE, NOMINAL, 0.1)
         assert proposal.healthy and abs(proposal.command.force_kn - NOMINAL.force_kn) < 1e-3

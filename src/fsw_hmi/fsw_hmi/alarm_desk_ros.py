@@ -82,7 +82,7 @@ class AlarmDesk:
                 AlarmEvent(
                     header=convert.header(int(self._node.get_clock().now().nanoseconds)),
                     id=one.id,
-                    event=one.event,
+                    kind=int(one.kind),
                     priority=one.alarm.priority,
                     text=one.alarm.text,
                     count=one.count,

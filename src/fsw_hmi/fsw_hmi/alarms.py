@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from fsw_control.journal import AlarmChange
+
 Priority = Literal["high", "medium", "low"]
 RANK = {"high": 0, "medium": 1, "low": 2}
 #: chosen, after the usual definition of a chattering alarm: so many times in this time; it then stays until it has
@@ -47,10 +49,10 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A line of the journal; ``event`` as ``fsw_msgs/AlarmEvent`` names it."""
+    """A line of the journal."""
 
     id: str
-    event: str
+    kind: AlarmChange
     alarm: Alarm
     count: int
     who: str = ""
@@ -177,7 +179,7 @@ class AlarmList:
         if RANK[alarm.priority] < RANK[before.priority]:  # it has become worse: to be seen again
             entry.acknowledged = False
             entry.show_if_high()
-            self.events.append(Event(name, "worsened", alarm, entry.count))
+            self.events.append(Event(name, AlarmChange.WORSENED, alarm, entry.count))
         if alarm.trip and not before.trip:
             self._mark_first(name, entry, now_s)
         return True
@@ -197,7 +199,7 @@ class AlarmList:
             entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
         entry.chatters = alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
-        self.events.append(Event(name, "re-raised" if again else "raised", alarm, entry.count))
+        self.events.append(Event(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, alarm, entry.count))
         if alarm.trip:
             self._mark_first(name, entry, now_s)
 
@@ -207,7 +209,7 @@ class AlarmList:
         if now_s - entry.absent_s < (_CHATTER_S if entry.chatters else entry.alarm.off_s):
             return False
         entry.present = entry.chatters = False
-        self.events.append(Event(name, "cleared", entry.alarm, entry.count))
+        self.events.append(Event(name, AlarmChange.CLEARED, entry.alarm, entry.count))
         if entry.acknowledged and entry.shelved_until_s is None:
             del self.entries[name]
         return True
@@ -241,7 +243,7 @@ class AlarmList:
                 continue
             count += 1
             entry.acknowledged, entry.first = True, ""
-            self.events.append(Event(name, "acknowledged", entry.alarm, entry.count, who))
+            self.events.append(Event(name, AlarmChange.ACKNOWLEDGED, entry.alarm, entry.count, who))
             for one in self.entries.values():
                 if one.led_to == name:
                     one.led_to = ""
@@ -257,7 +259,7 @@ class AlarmList:
         if entry.alarm.priority == "high":
             return "an alarm of high priority cannot be shelved"
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
-        self.events.append(Event(name, "shelved", entry.alarm, entry.count, who, reason, 60.0 * minutes))
+        self.events.append(Event(name, AlarmChange.SHELVED, entry.alarm, entry.count, who, reason, 60.0 * minutes))
         return ""
 
     def unshelve(self, name: str, who: str) -> str:
@@ -266,7 +268,7 @@ class AlarmList:
         if entry is None or entry.shelved_until_s is None:
             return "this alarm is not shelved"
         entry.shelved_until_s, entry.shelved = None, ""
-        self.events.append(Event(name, "unshelved", entry.alarm, entry.count, who))
+        self.events.append(Event(name, AlarmChange.UNSHELVED, entry.alarm, entry.count, who))
         if entry.present:
             entry.acknowledged = False
         else:

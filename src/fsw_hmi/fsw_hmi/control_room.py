@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from fsw_control.journal import RequestKind
 from fsw_hmi import security
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.frames import readable
@@ -39,7 +40,8 @@ class Verdict:
     outcome: str = ""  #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
     message: str = ""
     action: Action | None = None
-    asked: str = ""  #: what was asked for in words, when it has to be recorded; empty when not
+    kind: RequestKind = RequestKind.UNKNOWN  #: what was asked for
+    asked: str = ""  #: the same in words, when it has to be recorded; empty when not
     close: bool = False  #: whether the page is to be shut out
     #: name and password to be checked; then :meth:`ControlRoom.on_checked` judges
     credentials: tuple[str, str] | None = None
@@ -59,7 +61,8 @@ class Order:
     """An action on its way to the graph; or without one what is to be recorded, as it never gets there."""
 
     who: str  #: name and session
-    asked: str  #: the action in words
+    kind: RequestKind  #: what was asked for
+    asked: str  #: the same in words
     outcome: str = ""  #: for the record, as the message
     message: str = ""
     action: Action | None = None
@@ -128,7 +131,7 @@ class ControlRoom:
         """The server was killed while somebody had control; tell and record it."""
         why = "the page's server was started again"
         self.ended = f"{holder} has lost control: {why}"
-        self._records.append(Order(holder, LOST, DONE, why))
+        self._records.append(Order(holder, RequestKind.LOSE_CONTROL, LOST, DONE, why))
 
     def _look_at_users(self) -> None:
         """Whoever is no longer the user who has logged in, has to log in again for all but a safe stop."""
@@ -146,7 +149,7 @@ class ControlRoom:
         """Take from a session what it has of control."""
         if self.holder is session:
             self.ended = f"{session.name} has lost control: {why}"
-            self._records.append(Order(session.who, LOST, DONE, why))
+            self._records.append(Order(session.who, RequestKind.LOSE_CONTROL, LOST, DONE, why))
         self._control.release(session)
 
     @property
@@ -184,7 +187,7 @@ class ControlRoom:
             return self._offence(session, None, "the message is no request")
         number, do, message = request.id, request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
-            return Verdict(number, action=SafeStop(), asked=str(SafeStop()))
+            return Verdict(number, action=SafeStop(), kind=RequestKind.SAFE_STOP, asked=str(SafeStop()))
         if not session.requests.take(now_s):
             return self._offence(session, number, "too many requests in a second")
         if not isinstance(do, str):
@@ -261,7 +264,8 @@ class ControlRoom:
         if not wait_s and not known:  # what was typed in as a name may be a password
             who = self._users.name(name) if self._users else ""
             words = f"{what}, from {session.client or 'an unknown address'}"
-            self._records.append(Order(f"{who or 'unknown name'} ({session.id})", "log in", REFUSED, words))
+            name = f"{who or 'unknown name'} ({session.id})"
+            self._records.append(Order(name, RequestKind.LOGIN, "log in", REFUSED, words))
         too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
         return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
 
@@ -270,19 +274,20 @@ class ControlRoom:
             self._free(session, f"{name} has logged in there")  # what one person has, another does not get by a login
         session.name, session.role, session.idle, session.note = name, role, False, ""
         session.active_s = session.touched_s = now_s
-        return Verdict(number, DONE, f"logged in as {name}, role {role}", asked="log in")
+        return Verdict(number, DONE, f"logged in as {name}, role {role}", kind=RequestKind.LOGIN, asked="log in")
 
     # ---------------------------------------------------------------- control and commands
 
     def _change_control(self, session: Session, number: int, do: str, message: dict[str, Any], now_s: float) -> Verdict:
+        kind, asked = RequestKind.of(do), _CONTROL[do]
         if session.role == ROLES[0]:
-            return Verdict(number, REFUSED, _needs(session, "operate"), asked=_CONTROL[do])
+            return Verdict(number, REFUSED, _needs(session, "operate"), kind=kind, asked=asked)
         if do == "take_control" and self.holder is session:
             return Verdict(number, DONE, "you have control already")
         outcome, text = self._ask_control(session, do, message, now_s)
         if outcome == DONE:
             self.ended = ""
-        return Verdict(number, outcome, text, asked=_CONTROL[do])
+        return Verdict(number, outcome, text, kind=kind, asked=asked)
 
     def _ask_control(self, session: Session, do: str, message: dict[str, Any], now_s: float) -> Answer:
         control, holder = self._control, self.holder
@@ -298,16 +303,17 @@ class ControlRoom:
         return control.answer(session, message.get("to"), do == "hand_over_control")
 
     def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
-        known = ACTIONS.get(do)
+        known, kind = ACTIONS.get(do), RequestKind.of(do)
         if known is not None and ROLES.index(session.role) < ROLES.index(known.role):
-            return Verdict(number, REFUSED, _needs(session, known.role), asked=do)
+            return Verdict(number, REFUSED, _needs(session, known.role), kind=kind, asked=do)
         try:
             action = read(do, message)
         except InputError as error:
-            return Verdict(number, REFUSED, readable(str(error)), asked=do if known else "unknown request")
+            asked = do if known else "unknown request"
+            return Verdict(number, REFUSED, readable(str(error)), kind=kind, asked=asked)
         if self.holder is not session:
-            return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
-        return Verdict(number, action=action, asked=str(action))
+            return Verdict(number, REFUSED, "you do not have control: take it first", kind=kind, asked=str(action))
+        return Verdict(number, action=action, kind=kind, asked=str(action))
 
 
 def _needs(session: Session, role: str) -> str:

@@ -298,7 +298,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))
-        self._actions.publish(OperatorAction(header=header, holder=self._holder, **done))
+        self._actions.publish(OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done))
 
 
 def _book(file: str) -> RuleBook:

@@ -92,7 +92,9 @@ class LiveWeld:
 
     def account(self) -> Account | None:
         """The judgement of the weld so far; None before the first tick."""
-        return judge(self._signals(), self.book, running=True, unusable=self._unusable) if self._rows else None
+        if not self._rows:
+            return None
+        return judge(self._signals(), self.book, running=True, recorded=False, unusable=self._unusable)
 
     def frame(self) -> dict[str, Any] | None:
         """The judgement as the page gets it."""

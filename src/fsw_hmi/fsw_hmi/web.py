@@ -235,21 +235,21 @@ class LivePage:
             self._know(page.peer)
         self._show_control()
         if verdict.action is not None and verdict.id is not None:
-            self._order(page, verdict.id, verdict.action, verdict.asked)
+            self._order(page, verdict.id, verdict.action, verdict)
             return
         if verdict.id is not None:
             page.answer(_answer(verdict.id, verdict.outcome, verdict.message))
         if verdict.asked:
-            self._hand_on(Order(session.who, verdict.asked, verdict.outcome, verdict.message))
+            self._hand_on(Order(session.who, verdict.kind, verdict.asked, verdict.outcome, verdict.message))
 
-    def _order(self, page: Page, request: int, action: Action, asked: str) -> None:
+    def _order(self, page: Page, request: int, action: Action, verdict: Verdict) -> None:
         if isinstance(action, SafeStop):
             for under_way in self._pending.values():
                 if under_way.page is page and under_way.order.action == action:
                     under_way.ids.append(request)  # the graph is asked once
                     return
         self._orders += 1
-        order = Order(page.session.who, asked, action=action, number=self._orders)
+        order = Order(page.session.who, verdict.kind, verdict.asked, action=action, number=self._orders)
         wait_s = self._request_timeout_s + _MARGIN_S + (action.wait_s if isinstance(action, Switch) else 0.0)
         timer = asyncio.get_running_loop().call_later(
             wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")

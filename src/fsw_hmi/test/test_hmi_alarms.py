@@ -7,6 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from fsw_control.journal import AlarmChange
 from fsw_hmi.alarms import FLOOD_ID, RANK, Alarm, AlarmList
 
 LOW, MEDIUM, HIGH = (Alarm(f"{name} text", "that follows", "do this", name) for name in ("low", "medium", "high"))
@@ -43,7 +44,7 @@ class Desk:
 
     def told(self):
         events, self.list.events = self.list.events, []
-        return [(one.id, one.event, one.count, one.who) for one in events]
+        return [(one.id, one.kind.word, one.count, one.who) for one in events]
 
 
 @pytest.fixture
@@ -305,10 +306,10 @@ class AnyOrder(RuleBasedStateMachine):
     @invariant()
     def the_journal_tells_what_is_present(self):
         for one in self.desk.list.events:
-            if one.event in ("raised", "re-raised"):
+            if one.kind in (AlarmChange.RAISED, AlarmChange.RE_RAISED):
                 assert not self.told.get(one.id)
                 self.told[one.id] = True
-            elif one.event == "cleared":
+            elif one.kind is AlarmChange.CLEARED:
                 assert self.told[one.id]
                 self.told[one.id] = False
         self.desk.list.events = []

@@ -117,5 +117,5 @@ def test_restored_alarms_wait_for_the_graph_before_they_are_gone():
     alarms.update({"c": Alarm("c", "", "", "medium")}, 110.0)
     assert alarms.events == []
     alarms.update({"c": Alarm("c", "", "", "medium")}, 111.0)
-    assert [(one.id, one.event) for one in alarms.events] == [("a", "cleared"), ("b", "cleared")]
+    assert [(one.id, one.kind.word) for one in alarms.events] == [("a", "cleared"), ("b", "cleared")]
     assert alarms.entries["b"].shelved_until_s == 705.0

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command, Diagnosis, Proposal, Reference
+from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
 from fsw_hmi.hmi_node import HmiNode
@@ -268,7 +269,11 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
     goes_for(815.04, source="decentral")  # another one commands, who tells nothing
     graph.tick_until(lambda: is_shown(None, "cleared"), "its end")
     told = ["raised", "cleared"]  # on a topic of its own, which may come after the page's frame
-    graph.tick_until(lambda: [one.event for one in events if one.id == "out_of_reach"] == told, "the journal")
+
+    def journal():
+        return [AlarmChange(one.kind).word for one in events if one.id == "out_of_reach"]
+
+    graph.tick_until(lambda: journal() == told, "the journal")
     text = next(one.text for one in events if one.id == "out_of_reach")
     assert text == "Set-point out of reach: 830 °C asked, 815 °C attainable: speed at its upper bound"
 
@@ -420,7 +425,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     assert page.ask("acknowledge", ids=[alarm["id"]])["outcome"] == "done"
 
     def journal():
-        return [one.event for one in told if one.id == alarm["id"]]
+        return [AlarmChange(one.kind).word for one in told if one.id == alarm["id"]]
 
     wait_until(lambda: len(journal()) == 6, "the journal")
     assert journal() == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]

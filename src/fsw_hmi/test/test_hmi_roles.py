@@ -7,6 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
+from fsw_control.journal import RequestKind
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.requests import ACTIONS, SafeStop
@@ -28,6 +29,8 @@ CONTENT = {
     "disturb": {"channel": "depth", "shape": "step", "amplitude": 0.1},
     "fault": {"sensor": "depth", "kind": "bias", "magnitude": 0.1, "duration_s": 5},
 }
+
+LOST = (RequestKind.LOSE_CONTROL, "lose control")
 
 
 def named_users():
@@ -241,7 +244,7 @@ def test_idle_page_gives_control_back_and_still_stops():
     assert olga.ask("active").outcome == DONE
     hall.now_s += 10.0
     why = "nobody has touched the page for 10 min"
-    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, DONE, why)]
     assert hall.room.tick(hall.now_s) == []
     assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
     assert otto.control["note"] == f"{why}: log in again to command"
@@ -256,13 +259,13 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
     otto, olga = Place(hall, "otto"), Place(hall, "olga")
     otto.take()
     hall.room.leave(otto.session)
-    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, "lose control", DONE, "the page was closed")]
+    assert hall.room.tick(hall.now_s) == [Order(otto.session.who, *LOST, DONE, "the page was closed")]
     assert olga.control["note"] == "otto has lost control: the page was closed"
     olga.take()
     assert olga.control["note"] == ""
     olga.log_in("egon")
     why = "egon has logged in there"
-    assert hall.room.tick(hall.now_s) == [Order(f"olga ({olga.session.id})", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order(f"olga ({olga.session.id})", *LOST, DONE, why)]
     olga.take()
     olga.ask("release_control")
     assert (olga.control["note"], hall.room.tick(hall.now_s)) == ("", [])
@@ -271,7 +274,7 @@ def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
 def test_control_that_ends_with_the_server_is_told_by_the_next_one(hall):
     hall.room.restart("otto (3f2a)")
     why = "the page's server was started again"
-    assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", "lose control", DONE, why)]
+    assert hall.room.tick(hall.now_s) == [Order("otto (3f2a)", *LOST, DONE, why)]
     olga = Place(hall, "olga")
     assert (olga.control["holder"], olga.control["note"]) == (None, f"otto (3f2a) has lost control: {why}")
     assert olga.take().outcome == DONE

@@ -20,7 +20,7 @@ from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
-from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import SENT, STREAM, sensor_publishers
 from fsw_machine import gateway_reports_ros as reports
@@ -200,7 +200,7 @@ class MachineNode(ManagedNode):
             self._link.settings = _link_settings(values)
 
     def _announce(self) -> None:
-        self._diagnostics.publish([Report("connection", OK, STARTING, {})])
+        self._diagnostics.publish([Report("connection", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
         gateway, link = self._gateway, self._link

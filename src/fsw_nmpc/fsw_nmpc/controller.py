@@ -11,9 +11,11 @@ import numpy as np
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
 from fsw_control.parameters import defaults, load, problem
+from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, Reason, SolveStatus
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus
+from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.settings import Settings
 
 #: estimates of the estimator, in the library's order; depth and temperature are the offsets of their sensors
@@ -146,8 +148,8 @@ class NmpcController:
         if made_for.tuning.blocks != self.settings.tuning.blocks:
             self._prepare()
         elif isinstance(made, str):
-            self._failure = f"another horizon cannot be made, that of {self._blocks} blocks stays in use: {made}"
-            self._complain(self._failure)
+            self._failure = f"that of {self._blocks} blocks stays in use: {made}"
+            self._complain(Reason(ReasonCode.HORIZON, detail=self._failure).words)
         else:
             made.configure(self.settings.struct())
             made.go_on_from(self.library)
@@ -177,8 +179,8 @@ class NmpcController:
             change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
         library.step()
         command = Command(outputs.force_kn, outputs.speed_rpm)
-        reason = self._reason(m) if outputs.reason else self._failure or self._doubt()
-        if outputs.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
+        reason = self._reason(m) if outputs.reason else self._remark()
+        if outputs.reason in (Fault.WAITING_FOR_SENSORS, Fault.WAITING_FOR_REFERENCE):
             return Proposal(command, False, reason)
         diagnosis = Diagnosis(
             depth_estimate_mm=outputs.depth_mm,
@@ -200,24 +202,28 @@ class NmpcController:
         )
         return Proposal(command, bool(outputs.healthy), reason, diagnosis)
 
-    def _reason(self, m: Measurement) -> str:
+    def _reason(self, m: Measurement) -> Reason:
         outputs, s = self.library.output, self.settings
-        if outputs.reason == Reason.WAITING_FOR_SENSORS:
-            missing = [name for name in m.invalid_sensors() if name != "torque"]
-            return f"waiting for valid sensors: {', '.join(missing) or 'depth and temperature are not those of a weld'}"
-        if outputs.reason == Reason.WAITING_FOR_REFERENCE:
-            return "no usable reference"
-        if outputs.reason == Reason.BLIND:
-            blind = ", ".join(name for bit, name in _SENSORS.items() if outputs.blind & bit)
-            return f"no valid {blind} for {s.blind_limit_s:g} s"
-        if outputs.reason == Reason.OUT_OF_BOUNDS:
-            return "the applied command is more than a move outside the bounds"
+        if outputs.reason == Fault.WAITING_FOR_SENSORS:
+            missing = tuple(name for name in m.invalid_sensors() if name != "torque")
+            return Reason(ReasonCode.WAITING_FOR_SENSORS, missing) if missing else Reason(ReasonCode.NOT_WELDING)
+        if outputs.reason == Fault.WAITING_FOR_REFERENCE:
+            return Reason(ReasonCode.NO_REFERENCE)
+        if outputs.reason == Fault.BLIND:
+            blind = tuple(name for bit, name in _SENSORS.items() if outputs.blind & bit)
+            return Reason(ReasonCode.BLIND, blind, s.blind_limit_s)
+        if outputs.reason == Fault.OUT_OF_BOUNDS:
+            return Reason(ReasonCode.OUT_OF_BOUNDS)
         status = _STATUS_TEXTS[outputs.solve_status]
-        return f"solver: {status}; following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
+        again = f"following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
+        return Reason(ReasonCode.SOLVER, detail=f"{status}; {again}")
 
-    def _doubt(self) -> str:
+    def _remark(self) -> Reason:
+        """What is to be said of a proposal that may be applied."""
+        if self._failure:
+            return Reason(ReasonCode.HORIZON, detail=self._failure)
         doubts = "; ".join(text for bit, text in _DOUBTS.items() if self.library.output.doubt & bit)
-        return doubts and f"adapting with caution: {doubts}"
+        return Reason(ReasonCode.CAUTION, detail=doubts) if doubts else Reason()
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC], as sensors show them, along the last plan.

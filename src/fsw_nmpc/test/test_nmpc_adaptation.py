@@ -149,7 +149,7 @@ class SlowProbe(Welding):
         proposal = super().step(reference, follow, **(changes | {"temperature_c": self.probe_c + noise_c}))
         state, heat = self.controller.library.state, State.HEAT
         self.doubts.append(self.controller.library.output.doubt)
-        self.reasons.append(proposal.reason)
+        self.reasons.append(proposal.reason.words)
         self.heat_variance.append(state.estimator.p[heat][heat])
         self.is_late.append(state.estimator.is_late)
         return proposal

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from fsw_control import Command, Reference
+from fsw_control.reason import Reason, ReasonCode
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
 from fsw_test_support.nmpc_ipopt import ReferenceSolver
@@ -116,7 +117,7 @@ def test_predicts_through_a_missing_sensor_then_gives_up():
     assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-3)
     proposal = loop.step(depth_mm=NAN, depth_valid=False)
     assert not proposal.healthy
-    assert proposal.reason == "no valid depth for 3 s"
+    assert proposal.reason == Reason(ReasonCode.BLIND, ("depth",), 3.0)
     assert loop.step().healthy
 
 

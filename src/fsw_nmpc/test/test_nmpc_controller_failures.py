@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command, Measurement, Reference
+from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc import NmpcController
 from fsw_nmpc import controller as controller_module
 from fsw_nmpc.library import SolveStatus
@@ -53,7 +54,7 @@ def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
         before = loop.applied
         proposal = loop.step(Reference(2.76, 816.4))
         assert proposal.healthy
-        assert proposal.reason.startswith("solver: ")
+        assert proposal.reason.code is ReasonCode.SOLVER
         if k < 3:
             assert proposal.command.force_kn - before.force_kn == pytest.approx(planned[k], abs=1e-6)
         assert len(proposal.diagnosis.plan.time_s) == 54
@@ -105,10 +106,11 @@ def test_waits_for_what_it_needs():
     applied = Command(78.4, 407.576)
     good = Measurement(0.1, 2.66, 1052.86, 816.4)
     proposal = controller.step(good, Reference(NAN, 816.4), applied, 0.1)
-    assert (proposal.healthy, proposal.reason) == (False, "no usable reference")
+    assert (proposal.healthy, proposal.reason) == (False, Reason(ReasonCode.NO_REFERENCE))
     controller.reset(applied)
     proposal = controller.step(Measurement(0.0, NAN, NAN, NAN, False, False, False), TARGET, applied, 0.1)
-    assert (proposal.healthy, proposal.reason) == (False, "waiting for valid sensors: depth, thermocouple")
+    waiting = Reason(ReasonCode.WAITING_FOR_SENSORS, ("depth", "thermocouple"))
+    assert (proposal.healthy, proposal.reason) == (False, waiting)
     assert controller.step(good, TARGET, applied, 0.1).healthy
     assert controller.step(good, Reference(NAN, NAN), Command(NAN, NAN), 0.1).healthy
 
@@ -147,8 +149,8 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
     finish_changes(loop.controller)
     for _ in range(3):
         proposal = loop.step()
-        assert proposal.healthy and "No space left on device" in proposal.reason
+        assert proposal.healthy and "No space left on device" in proposal.reason.words
     assert len(told) == 1 and loop.controller.library.horizon.n_blocks == 20
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
     finish_changes(loop.controller)
-    assert loop.controller.library.horizon.n_blocks == 54 and loop.step().reason == ""
+    assert loop.controller.library.horizon.n_blocks == 54 and not loop.step().reason

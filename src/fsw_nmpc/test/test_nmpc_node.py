@@ -69,7 +69,7 @@ class Peer(Spinner):
         for tick in range(k, k + 20):
             if self.tick(tick).healthy:
                 return tick
-        raise AssertionError(self.got["proposal"][-1].reason)
+        raise AssertionError(self.got["proposal"][-1].why)
 
     def end(self):
         self.executor.shutdown()

@@ -20,7 +20,7 @@ from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
-from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.single_instance_ros import SEARCHING, STARTING, SingleInstanceGuard
 from fsw_control.stop import StopCause
 from fsw_control.stop_ros import StopHolder
 from fsw_control.topics_ros import LATEST, PLAYER_READY, SENT, STREAM, display_publisher, sensor_publishers
@@ -289,7 +289,7 @@ class PlantNode(ManagedNode):
         log(self, line.level, f"{line.part}: {line.text}")
 
     def _announce(self) -> None:
-        self._publish_reports([Report("clock", OK, STARTING, {})])
+        self._publish_reports([Report("clock", OK, SEARCHING, STARTING)])
 
     def _report(self) -> None:
         plant, mode = self._plant, _mode(self._speed, self._simulated)

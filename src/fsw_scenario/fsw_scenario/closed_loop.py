@@ -26,6 +26,7 @@ from fsw_analysis.weld_signals import (
 from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.ramps import stair
+from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS
@@ -103,7 +104,7 @@ class _Tick(NamedTuple):
     answers: dict[str, tuple[Proposal, float]]
     applied: Command
     source: str
-    reason: str
+    reason: Reason
     active: str
     mode: str
     truth: Truth
@@ -153,7 +154,7 @@ class ClosedLoop:
         faulty = any(event.fault is not None for event in scenario.events)
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
-        (active, mode), reason = (first, "auto"), ""
+        (active, mode), reason = (first, "auto"), Reason()
         guard = SensorGuard()
         ticks: list[_Tick] = []
         while not programme.over(tick := tick + 1):
@@ -191,7 +192,7 @@ class ClosedLoop:
             if progress is not None and tick % _PROGRESS_TICKS == 0:
                 progress(passed / scenario.n_ticks)
         if ticks and not any(row.answers[first][0].healthy for row in ticks):
-            why = ticks[0].answers[first][0].reason
+            why = Reason.of(ticks[0].answers[first][0].reason).words
             raise InputError(f"{scenario.name}: {first} proposed nothing usable at any of {len(ticks)} ticks: {why}")
         return self._signals(ticks)
 
@@ -215,7 +216,7 @@ class ClosedLoop:
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),
             speed_rpm=_numbers(tick.applied.speed_rpm for tick in ticks),
             command_source=_texts(tick.source for tick in ticks),
-            command_reason=_texts(tick.reason for tick in ticks),
+            command_reason=_texts(tick.reason.words for tick in ticks),
             command_latency_s=_numbers(nan for _ in ticks),
             actual_controller=_texts(tick.active for tick in ticks),
             actual_mode=_texts(tick.mode for tick in ticks),
@@ -234,7 +235,7 @@ def _proposal_signals(ticks: Sequence[_Tick], name: str) -> ProposalSignals:
         ProposalSignals,
         [proposal.command for proposal, _ in answers],
         healthy=_numbers(proposal.healthy for proposal, _ in answers),
-        reason=_texts(proposal.reason for proposal, _ in answers),
+        reason=_texts(Reason.of(proposal.reason).words for proposal, _ in answers),
         latency_s=_numbers(seconds for _, seconds in answers),
     )
     return signals
@@ -249,7 +250,7 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
         diagnoses,
         healthy=_numbers(proposal.healthy for proposal in proposals),
         selected=_numbers(tick.source == name for tick in ticks),
-        reason=_texts(proposal.reason for proposal in proposals),
+        reason=_texts(Reason.of(proposal.reason).words for proposal in proposals),
         disturbances={key: _numbers(one.disturbances.get(key, nan) for one in diagnoses) for key in keys},
     )
     return status

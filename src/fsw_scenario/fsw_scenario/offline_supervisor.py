@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from fsw_control.contract import Command, Controller, Proposal
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason
 from fsw_control.weld import TICK_S
 from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
 
@@ -45,7 +46,7 @@ class OfflineSupervisor:
         assert arbiter.ticks.present is not None
         arbiter.ticks.present.samples.update(values)  # all at once: half the time of on_sample for each
         for name, proposal in proposals.items():
-            offer = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, proposal.reason)
+            offer = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, Reason.of(proposal.reason))
             decisions += arbiter.on_proposal(name, offer, self._now_s)
             if name in self._unheard:
                 decisions += arbiter.on_status(name, self._unheard.pop(name), False, self._now_s)

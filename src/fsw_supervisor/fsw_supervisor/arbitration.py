@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.validity import Flaw
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
@@ -110,7 +111,7 @@ class Arbitration:
                 self.in_force.forget()
             return
         if self.machine.mode is Mode.START and (reason := self.start_up.decide(tick, final)):
-            self._hold(tick, reason)
+            self._hold(tick, Reason(ReasonCode.STATE, detail=reason))
         if self.machine.mode is Mode.AUTO and not tick.settled:
             self._decide_auto(tick, final)
         if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.settled:
@@ -163,20 +164,20 @@ class Arbitration:
             self._follow(tick, candidate.command)
         elif candidate is not None and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
             # Controllers follow the command topic, also a foreign command, for one tick.
-            self._hold(tick, f"{name} has followed a foreign command")
+            self._hold(tick, Reason(ReasonCode.FOREIGN))
         elif candidate is not None:
             self._fail(tick, candidate.refusal, inhibit=True)
-        elif final and (reason := tick.fault_excused_reason or self._partial_measurement(tick)):
-            self._hold(tick, reason, fault_excused_reason=reason)
+        elif final and (excuse := tick.excuse or self._partial_measurement(tick)):
+            self._hold(tick, excuse, excuse)
         elif final:
             self._fail(tick, "no proposal at the deadline", inhibit=True)
 
-    def _partial_measurement(self, tick: Tick) -> str:
-        """Which samples may not have reached the controllers, too; in words, never for two ticks in a row."""
+    def _partial_measurement(self, tick: Tick) -> Reason:
+        """Which samples may not have reached the controllers, too; never for two ticks in a row."""
         if not tick.dropouts or self.machine.tick - self._excused_tick <= 1:
-            return ""
+            return Reason()
         self._excused_tick = self.machine.tick
-        return f"the measurement lacks {', '.join(tick.dropouts)}"
+        return Reason(ReasonCode.INCOMPLETE, tick.dropouts)
 
     def _fail(self, tick: Tick, reason: str, inhibit: bool) -> None:
         name = self.machine.active
@@ -214,14 +215,14 @@ class Arbitration:
         """Apply a proposal; just after a swap within the transition limits."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
-        command, reason = proposed, ""
+        command, reason = proposed, Reason()
         if machine.slewing:
             force = _towards(applied.force_kn, proposed.force_kn, settings.force_transition_kn)
             speed = _towards(applied.speed_rpm, proposed.speed_rpm, settings.speed_transition_rpm)
             command = Command(force, speed)
             arrived = same(command, proposed)
             machine.slew(arrived)
-            reason = "" if arrived else "slewing after a swap"
+            reason = Reason() if arrived else Reason(ReasonCode.SLEWING)
         self._commit(tick, command, machine.active, reason)
 
     # ---------------------------------------------------------------- without a controller
@@ -238,17 +239,17 @@ class Arbitration:
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
-        self._commit(tick, wanted, str(machine.mode), machine.reason)
+        self._commit(tick, wanted, str(machine.mode), Reason(ReasonCode.STATE, detail=machine.reason))
 
-    def _hold(self, tick: Tick, reason: str, fault_excused_reason: str = "") -> None:
+    def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> None:
         assert self.in_force.applied is not None
-        self._commit(tick, self.in_force.applied, "hold", reason, fault_excused_reason)
+        self._commit(tick, self.in_force.applied, "hold", reason, excuse)
 
-    def _commit(self, tick: Tick, wanted: Command, source: str, reason: str, fault_excused_reason: str = "") -> None:
+    def _commit(self, tick: Tick, wanted: Command, source: str, reason: Reason, excuse: Reason | None = None) -> None:
         """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
         command = self.machine.settings.limits.clip(wanted, self.in_force.applied)
-        tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), fault_excused_reason)
+        tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
 
 
 def _towards(start: float, goal: float, step: float) -> float:

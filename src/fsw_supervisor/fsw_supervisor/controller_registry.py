@@ -233,7 +233,7 @@ class ControllerRegistry:
 
     def _note_silence(self, record: ControllerRecord, tick: Tick) -> None:
         record.silent_ticks += 1
-        if tick.fault_excused_reason or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
+        if tick.excuse or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
             return
         if record.present:
             record.missed += 1
@@ -251,7 +251,7 @@ class ControllerRegistry:
                 tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
             return
         record.last_stamp_ns = tick.stamp_ns
-        if tick.settled and tick.fault_excused_reason:
+        if tick.settled and tick.excuse:
             return
         latency_s = max(0.0, now_s - tick.started_s)
         record.latencies_s.append(latency_s)
@@ -273,7 +273,7 @@ class ControllerRegistry:
             self._count(record, self._check(record, proposal, past))
             return
         record.late += 1
-        if past is None or not past.fault_excused_reason:
+        if past is None or not past.excuse:
             age_ms = (tick.stamp_ns - proposal.stamp_ns) * 1e-6
             record.bad(f"late: answers a measurement {age_ms:.0f} ms older than the last")
 

@@ -28,7 +28,7 @@ _SHIPPED = frozenset(ArbiterSettings.from_values({}).fallbacks)
 def command(decision: Decision, signature: Signature) -> WeldCommand:
     """Command message of a decision, signed by its supervisor."""
     message = convert.command_message(
-        decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
+        decision.command, decision.stamp_ns, decision.source, healthy=True, why=decision.reason
     )
     convert.sign(message, signature)
     return message

@@ -132,7 +132,7 @@ class StartUp:
             self.was_active = ""
             machine.fire(Cause.READY, reason, "start", name)
             return ""
-        if not tick.fault_excused_reason:
+        if not tick.excuse:
             # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
             if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
                 self.was_active = ""

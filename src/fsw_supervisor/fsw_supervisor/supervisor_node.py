@@ -115,7 +115,8 @@ class SupervisorNode(LightNode, Node):
 
     def _on_proposal(self, name: str, message: WeldCommand) -> None:
         stamp_ns = convert.stamp_ns(message.header.stamp)
-        proposal = ProposalInput(stamp_ns, message.source, convert.command(message), message.healthy, message.reason)
+        command, reason = convert.command(message), convert.reason(message)
+        proposal = ProposalInput(stamp_ns, message.source, command, message.healthy, reason)
         self._publish(self._arbiter.on_proposal(name, proposal, time.monotonic()))
 
     def _on_status(self, name: str, message: ControllerStatus) -> None:

@@ -7,6 +7,7 @@ from math import isclose
 
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
+from fsw_control.reason import Reason, ReasonCode
 
 #: after this long without measurements the command in force counts as unknown [s]
 GAP_S = 1.0
@@ -21,7 +22,7 @@ class ProposalInput:
     command: Command  #: the manipulated variables proposed
     #: the controller's own assessment, and its reason
     healthy: bool = True
-    reason: str = ""
+    reason: Reason = Reason()  # noqa: RUF009  # immutable
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         words = f"proposal names the source {proposal.source[:40]!r} instead of {name!r}"
         return Candidate(command, words, malformed=True)
     if not proposal.healthy:
-        return Candidate(command, proposal.reason or "the controller says it is unhealthy, without a reason")
+        return Candidate(command, proposal.reason.words or "the controller says it is unhealthy, without a reason")
     refused = refusal(command, limits, previous)
     if refused is not None:
         return Candidate(command, refused.words, malformed=True, jump=refused.flaw is Flaw.JUMP)
@@ -60,7 +61,7 @@ class Decision:
     stamp_ns: int  #: stamp of the measurement that it answers
     command: Command  #: to be applied; finite, in limits, within one move limit of the one before
     source: str  #: who computed it: a controller, ``manual``, ``hold`` or ``safe_stop``
-    reason: str = ""  #: why this source; empty when nominal
+    reason: Reason = Reason()  # noqa: RUF009  # why this source, immutable
     latency_s: float = 0.0  #: measurement to decision
 
 
@@ -69,7 +70,7 @@ class Outcome:
     """How a tick was settled."""
 
     decision: Decision | None  #: the tick's command; None: it is lost, or another supervisor has answered it
-    fault_excused_reason: str  #: why a controller that has not proposed does not count as failed; empty if it does
+    excuse: Reason  #: why a controller that has not proposed does not count as failed; none if it does
 
 
 @dataclass(slots=True)
@@ -100,14 +101,14 @@ class Tick:
         return self.outcome is not None
 
     @property
-    def fault_excused_reason(self) -> str:
-        """Why a controller that has not proposed does not count as failed; empty if it does."""
+    def excuse(self) -> Reason:
+        """Why a controller that has not proposed does not count as failed; none if it does."""
         if self.outcome is not None:
-            return self.outcome.fault_excused_reason
+            return self.outcome.excuse
         if self.stalled:
-            return "the arbiter was stalled"
-        return "" if self.samples else "only the drives' feedback has arrived, no sensor sample"
+            return Reason(ReasonCode.STALLED)
+        return Reason() if self.samples else Reason(ReasonCode.NO_SAMPLES)
 
-    def settle(self, decision: Decision | None = None, fault_excused_reason: str = "") -> None:
+    def settle(self, decision: Decision | None = None, excuse: Reason | None = None) -> None:
         """Settle the tick with a command, or without one."""
-        self.outcome = Outcome(decision, fault_excused_reason or self.fault_excused_reason)
+        self.outcome = Outcome(decision, excuse or self.excuse)

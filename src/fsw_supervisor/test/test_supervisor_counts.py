@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.reason import Reason
 from fsw_supervisor.controller_registry import LOCKSTEP_LAG, ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -161,7 +162,7 @@ def test_silence_is_told_once_and_counts_as_a_miss_while_the_controller_is_in_th
 
 
 def test_silence_does_not_replace_an_earlier_problem(counted):
-    counted.propose(healthy=False, reason="solver failed")
+    counted.propose(healthy=False, reason=Reason.of("solver failed"))
     counted.begin().begin()
     assert counted.record.problem == "solver failed"
     assert "controller a has not proposed in time" not in counted.events()
@@ -375,7 +376,7 @@ def test_a_refusal_is_told_once_and_a_wrong_one_counted(counted):
         counted.begin()
     assert counts(counted.record) == {"rejected": 3}
     assert sum("proposal of a refused" in text for text in counted.events()) == 1
-    counted.propose(healthy=False, reason="solver failed")
+    counted.propose(healthy=False, reason=Reason.of("solver failed"))
     assert counts(counted.record) == {"rejected": 3}
     assert counted.record.problem == "solver failed"
 
@@ -385,7 +386,7 @@ def test_candidates_are_checked_again_once_it_is_known_what_is_applied(counted):
     tick.previous = None
     counted.registry.join("b")
     counted.propose(force_kn=85.0)
-    counted.propose(name="b", healthy=False, reason="not yet")
+    counted.propose(name="b", healthy=False, reason=Reason.of("not yet"))
     assert tick.candidates["a"].refusal == ""
     tick.previous = STEADY
     counted.registry.check_again(tick)

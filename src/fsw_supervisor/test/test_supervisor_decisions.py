@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
+from fsw_control.reason import Reason
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
@@ -174,7 +175,7 @@ def test_a_command_seen_is_no_start_once_a_command_has_been_sent(rig):
 
 def test_a_first_proposal_that_is_refused_is_no_start(make_rig):
     rig = started(make_rig)
-    rig.spoil("decentral", healthy=False, reason="not yet")
+    rig.spoil("decentral", healthy=False, reason=Reason.of("not yet"))
     for _ in range(8):
         assert rig.tick() == []
     rig.edit.clear()
@@ -280,11 +281,11 @@ def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(
     rig.names = []
     for _ in range(25):
         rig.tick()
-    assert rig.last.reason == "starting: waiting for decentral: no proposal yet"
+    assert rig.last.reason.words == "starting: waiting for decentral: no proposal yet"
     rig.arbiter.registry.join("decentral")
     rig.run(3)
     assert rig.arbiter.registry.get("decentral").missed == 3, "that it is waited for does not excuse its silence"
-    assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason)
+    assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason.words)
 
 
 @pytest.mark.requirement("S6")
@@ -293,7 +294,7 @@ def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig)
     rig.run(1)
     machine = rig.arbiter.machine
     assert machine.reason == "decentral failed: no proposal at the deadline; no fallback is ready"
-    assert (machine.cause, rig.last.reason) == (Cause.NO_CONTROLLER, machine.reason)
+    assert (machine.cause, rig.last.reason.words) == (Cause.NO_CONTROLLER, machine.reason)
     assert "error failover: decentral failed: no proposal at the deadline" in rig.events()
 
 
@@ -307,7 +308,7 @@ def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
     rig.silent.add("decentral")
     del rig.values["torque"]
     rig.run(1)
-    assert (rig.last.source, rig.last.reason) == ("hold", "the measurement lacks torque")
+    assert (rig.last.source, rig.last.reason.words) == ("hold", "the measurement lacks torque")
     assert rig.arbiter.registry.get("decentral").inhibited == ""
     del rig.values["depth"]
     rig.run(1)
@@ -326,7 +327,7 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
     rig.silent.add("decentral")
     del rig.values["depth"]
     rig.run(1)
-    assert rig.last.reason == "the measurement lacks depth"
+    assert rig.last.reason.words == "the measurement lacks depth"
     rig.silent.clear()
     rig.run(1)
     record = rig.arbiter.registry.get("decentral")
@@ -350,15 +351,15 @@ def test_a_fallback_that_refuses_or_is_missing_is_passed_over(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"fallbacks": ("nmpc", "third")}))
     rig.names = ["decentral", "nmpc", "third"]
     rig.run(10)
-    rig.spoil("decentral", healthy=False, reason="x")
-    rig.spoil("nmpc", healthy=False, reason="y")
+    rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
+    rig.spoil("nmpc", healthy=False, reason=Reason.of("y"))
     rig.run(1)
     assert rig.last.source == "third"
 
 
 @pytest.mark.requirement("S6")
 def test_a_fallback_is_waited_for_until_the_deadline(rig):
-    hand = Hand(rig).drives().samples().proposal(healthy=False, reason="x")
+    hand = Hand(rig).drives().samples().proposal(healthy=False, reason=Reason.of("x"))
     assert hand.wait(0.05).out == []
     assert hand.proposal("nmpc", after_s=0.06).sources == ["nmpc"]
 
@@ -374,20 +375,20 @@ def test_in_lockstep_a_supervisor_that_was_held_up_itself_gives_no_more_time(mak
     rig = in_lockstep(make_rig)
     hand = Hand(rig).drives().samples()
     assert rig.arbiter.on_time(rig.now_s + 9.0) == []
-    assert hand.proposal(after_s=9.001, healthy=False, reason="x").out == []
+    assert hand.proposal(after_s=9.001, healthy=False, reason=Reason.of("x")).out == []
     assert hand.wait(9.74).out == []
     assert hand.wait(9.76).sources == ["hold"]
 
 
 def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1})).run(5)
-    rig.spoil("decentral", healthy=False, reason="x")
+    rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
     rig.run(1)
     assert rig.last.source == "nmpc"
     rig.edit.clear()
     rig.arbiter.registry.readmit_all("operator")
     rig.run(3)
-    rig.spoil("nmpc", healthy=False, reason="x")
+    rig.spoil("nmpc", healthy=False, reason=Reason.of("x"))
     rig.run(1)
     assert rig.last.source == "hold"
     assert rig.arbiter.machine.reason == "too many swaps in 3 s; nmpc failed: x"
@@ -419,7 +420,7 @@ def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_ri
     assert rig.last.command.force_kn == pytest.approx(wanted.force_kn)
     assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 1.0)
     rig.run(1)
-    assert (rig.last.command, rig.last.reason) == (wanted, "")
+    assert (rig.last.command, rig.last.reason.words) == (wanted, "")
     rig.spoil("nmpc", command=Command(wanted.force_kn + 0.9, wanted.speed_rpm))
     rig.run(1)
     assert rig.last.command.force_kn == pytest.approx(wanted.force_kn + 0.9), "it has arrived: the limits are over"

@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK, WARN
 from fsw_supervisor.reports_ros import diagnostics
 from fsw_supervisor.settings import ArbiterSettings
@@ -30,7 +31,7 @@ def test_the_configured_controller_is_applied_from_the_first_tick(make_rig):
         ({"command": Command(78.4, 299.0)}, "outside 300 to 500 rpm"),
         ({"command": Command(80.4, 407.5)}, "jump by 2.000 kN"),
         ({"command": Command(78.4, 412.5)}, "jump by 5.000 rpm"),
-        ({"healthy": False, "reason": "solver failed"}, "solver failed"),
+        ({"healthy": False, "reason": Reason.of("solver failed")}, "solver failed"),
         ({"healthy": False}, "unhealthy, without a reason"),
         ({"source": "nmpc"}, "names the source 'nmpc'"),
     ],
@@ -148,7 +149,7 @@ def test_return_to_target_goes_back_by_itself_when_asked_for(make_rig):
 
 
 def test_the_operator_readmits_with_auto(rig):
-    rig.spoil("decentral", healthy=False, reason="x")
+    rig.spoil("decentral", healthy=False, reason=Reason.of("x"))
     rig.run(1)
     rig.edit.clear()
     rig.run(6)

@@ -5,6 +5,7 @@ import itertools
 import pytest
 
 from fsw_control.contract import Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
 
@@ -167,7 +168,7 @@ def test_a_sensor_is_back_later_than_the_others(feed, late, delay_s):
     assert {decision.source for decision in feed.out} <= {"hold", feed.active}
 
 
-@pytest.mark.parametrize("changes", [{"healthy": False, "reason": "waiting for valid sensors"}, {"command": None}])
+@pytest.mark.parametrize("changes", [{"healthy": False, "reason": Reason.of("waiting")}, {"command": None}])
 def test_the_first_proposal_after_the_gap_cannot_be_applied(feed, changes):
     """The plant begins anew elsewhere, or the controller has not all sensors yet."""
     feed.pause(3.0)
@@ -214,7 +215,7 @@ def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_l
     rig.tolerated = dict.fromkeys(rig.names, ("torque",))
     rig.run(2)
     assert [tick[-1].source for tick in rig.ticks[-2:]] == ["hold", "nmpc"]
-    assert rig.ticks[-2][-1].reason == "the measurement lacks torque"
+    assert rig.ticks[-2][-1].reason == Reason(ReasonCode.INCOMPLETE, ("torque",))
 
 
 @pytest.mark.parametrize("push", [Command(4.0, 0.0), Command(-4.0, 9.0), Command(0.4, -1.0)])

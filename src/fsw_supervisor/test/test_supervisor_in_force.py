@@ -3,6 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command, Limits
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch, DriveOffset
 from fsw_supervisor.safety_monitor import SafetyMonitor
@@ -262,7 +263,7 @@ def test_a_feedback_of_the_drives_that_is_not_finite_is_ignored():
 
 def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
     limits, before = Limits(), Command(80.0, 410.0)
-    wrong = ProposalInput(1, "x" * 60, Command(120.0, 410.0), healthy=False, reason="ill")
+    wrong = ProposalInput(1, "x" * 60, Command(120.0, 410.0), healthy=False, reason=Reason.of("ill"))
     refused = check("a", wrong, before, limits)
     assert (refused.refusal, refused.malformed, refused.jump) == (
         f"proposal names the source {'x' * 40!r} instead of 'a'",
@@ -271,7 +272,8 @@ def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
     )
     ill = check("a", ProposalInput(1, "a", Command(120.0, 410.0), healthy=False), before, limits)
     assert (ill.refusal, ill.malformed) == ("the controller says it is unhealthy, without a reason", False)
-    assert check("a", ProposalInput(1, "a", Command(80.0, 410.0), False, "ill"), before, limits).refusal == "ill"
+    ill = check("a", ProposalInput(1, "a", Command(80.0, 410.0), False, Reason.of("ill")), before, limits)
+    assert ill.refusal == "ill"
     for command, jump in ((Command(120.0, 410.0), False), (Command(82.0, 410.0), True)):
         candidate = check("a", ProposalInput(1, "a", command), before, limits)
         assert (candidate.command, bool(candidate.refusal), candidate.malformed) == (command, True, True)
@@ -291,16 +293,17 @@ def test_commands_are_the_same_but_for_rounding():
 @pytest.mark.parametrize("sampled", [True, False])
 def test_faults_are_excused_if_the_supervisor_was_held_up_or_no_sensor_sample_has_arrived(stalled, sampled):
     tick = Tick(1, 0.0, 0.08, None, samples={"depth": 2.6} if sampled else {}, stalled=stalled)
-    assert bool(tick.fault_excused_reason) == (stalled or not sampled)
-    reason = tick.fault_excused_reason
+    assert bool(tick.excuse) == (stalled or not sampled)
+    reason = tick.excuse
     tick.settle()
     assert tick.outcome == Outcome(None, reason)
     tick.stalled, tick.samples = not stalled, {}
-    assert tick.fault_excused_reason == reason, "settled with the decision"
+    assert tick.excuse == reason, "settled with the decision"
 
 
 def test_an_excuse_of_the_decision_counts_before_others():
     tick = Tick(1, 0.0, 0.08, None, stalled=True)
-    tick.settle(SENT, "an excuse")
-    assert tick.outcome == Outcome(SENT, "an excuse")
-    assert tick.fault_excused_reason == "an excuse"
+    excuse = Reason(ReasonCode.INCOMPLETE, ("torque",))
+    tick.settle(SENT, excuse)
+    assert tick.outcome == Outcome(SENT, excuse)
+    assert tick.excuse == excuse

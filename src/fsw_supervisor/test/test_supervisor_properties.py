@@ -12,6 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -136,7 +137,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             "edge": lambda: [
                 replace(good, command=Command(max(before.force_kn - 1.0, 60.0), max(before.speed_rpm - 3.0, 300.0)))
             ],
-            "unhealthy": lambda: [replace(good, healthy=False, reason="x")],
+            "unhealthy": lambda: [replace(good, healthy=False, reason=Reason.of("x"))],
             "liar": lambda: [replace(good, source="decentral")],
             "twice": lambda: [good, replace(good, command=Command(before.force_kn, before.speed_rpm))],
             "silent": lambda: [],
@@ -177,7 +178,7 @@ class ArbiterMachine(RuleBasedStateMachine):
                 and answer.healthy
                 for answer in answers
             )
-            assert exact or decision.reason == "slewing after a swap"
+            assert exact or decision.reason.code is ReasonCode.SLEWING
         elif decision.source == "hold":
             assert not starts or command in starts
         else:

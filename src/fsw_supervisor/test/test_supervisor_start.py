@@ -4,6 +4,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -95,13 +96,13 @@ def test_without_any_controller_it_holds_and_waits(make_rig):
 
 def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     rig = make_rig()
-    rig.spoil("decentral", healthy=False, reason="no set-point yet")
+    rig.spoil("decentral", healthy=False, reason=Reason.of("no set-point yet"))
     rig.names = ["decentral"]
     for _ in range(20):
         rig.tick()
     assert rig.last.source == "hold"
-    assert rig.last.reason == "starting: waiting for decentral: no set-point yet"
-    assert rig.arbiter.machine.reason == rig.last.reason, "which is what an operator sees"
+    assert rig.last.reason.words == "starting: waiting for decentral: no set-point yet"
+    assert rig.arbiter.machine.reason == rig.last.reason.words, "which is what an operator sees"
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"
@@ -227,7 +228,7 @@ def test_a_controller_misled_by_a_foreign_command_is_not_blamed(rig):
     for name in rig.names:
         rig.spoil(name, command=Command(61.0, 310.0))
     rig.run(1)
-    assert (rig.last.source, rig.last.reason) == ("hold", "decentral has followed a foreign command")
+    assert (rig.last.source, rig.last.reason.code) == ("hold", ReasonCode.FOREIGN)
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"

@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 
@@ -39,7 +40,7 @@ def test_unknown_controllers_are_refused(rig, strict):
 
 
 def test_strict_is_refused_with_the_reason(rig):
-    rig.spoil("nmpc", healthy=False, reason="no reference")
+    rig.spoil("nmpc", healthy=False, reason=Reason.of("no reference"))
     rig.run(1)
     assert ask(rig, "nmpc").message == "nmpc is not usable: no reference"
     rig.edit.clear()
@@ -147,10 +148,10 @@ def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
     ask(rig, "nmpc")
     rig.run(1)
     assert rig.last.command.force_kn == pytest.approx(78.5)
-    assert rig.last.reason == "slewing after a swap"
+    assert rig.last.reason.words == "slewing after a swap"
     rig.run(rig.arbiter.settings.transition_ticks)
     assert rig.last.command.force_kn == pytest.approx(80.0)
-    assert rig.last.reason == ""
+    assert rig.last.reason.words == ""
 
 
 @pytest.mark.requirement("S3")

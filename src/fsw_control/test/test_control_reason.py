@@ -1,0 +1,46 @@
+"""Reasons of commands: in words from one table, and as the messages number them; so are requests and alarms."""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum
+from pathlib import Path
+
+import pytest
+
+from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.reason import Reason, ReasonCode
+
+MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
+
+
+@pytest.mark.parametrize("code", list(ReasonCode))
+def test_every_reason_has_words(code: ReasonCode) -> None:
+    assert bool(Reason(code, ("depth",), 3.0, "x").words) == bool(Reason(code)) == (code is not ReasonCode.NONE)
+
+
+def test_words_have_the_arguments() -> None:
+    assert Reason(ReasonCode.BLIND, ("depth", "torque"), 3.0).words == "no valid depth, torque for more than 3 s"
+    assert Reason(ReasonCode.RAISED, detail="{0} {sensors}").words == "controller raised {0} {sensors}"
+
+
+def test_words_of_a_controller_are_its_own() -> None:
+    assert Reason.of("no set-point yet").code is ReasonCode.OTHER
+    assert Reason.of("no depth").words == "no depth" and not Reason.of("")
+    reason = Reason(ReasonCode.OVERFLOW)
+    assert Reason.of(reason) is reason
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"), [(ReasonCode, "Reason"), (RequestKind, "OperatorAction"), (AlarmChange, "AlarmEvent")]
+)
+def test_messages_number_them_alike(kind: type[IntEnum], message: str) -> None:
+    text = (MESSAGES / f"{message}.msg").read_text("utf-8")
+    numbers = {name: int(number) for name, number in re.findall(r"^uint8 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)}
+    assert numbers == {one.name: one.value for one in kind}
+
+
+def test_codes_of_later_versions_are_unknown() -> None:
+    assert ReasonCode(99) is ReasonCode.UNKNOWN and AlarmChange(99) is AlarmChange.UNKNOWN
+    assert RequestKind(99) is RequestKind.of("dance") is RequestKind.UNKNOWN
+    assert RequestKind.of("set_reference") is RequestKind.SET_REFERENCE
