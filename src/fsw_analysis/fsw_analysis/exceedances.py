@@ -74,6 +74,17 @@ def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
     return np.isin(course.phase.astype(str), [*check.phases, ""])
 
 
+def longest_s(course: Course, check: Check) -> float:
+    """The longest time outside a limit; a gap beside it counts, for nothing shows that it was inside there."""
+    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(course, check)
+    found = [_duration_s(course, run) for run in runs(outside) if not course.put_in[run].all()]
+    return max(found, default=0.0)
+
+
+def _duration_s(course: Course, run: slice) -> float:
+    return float(course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S)
+
+
 def _exceedances(course: Course, check: Check) -> list[Exceedance]:
     values = course.values[check.variable]
     excess = beyond(values, check.min, check.max)
@@ -87,7 +98,7 @@ def _exceedances(course: Course, check: Check) -> list[Exceedance]:
                 variable=check.variable,
                 limit=check.words,
                 begin_s=course.time_s[run.start],
-                duration_s=course.time_s[run.stop - 1] - course.time_s[run.start] + TICK_S,
+                duration_s=_duration_s(course, run),
                 samples=run.stop - run.start,
                 missing=int(missing.sum()),
                 extreme=None if worst is None else values[run][worst],

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Strict
 
 from fsw_analysis.course import Course, course_of, unusable_samples
-from fsw_analysis.exceedances import Exceedance, exceedances, holds
+from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
 from fsw_analysis.procedure import SENSOR_NAMES, Procedure, Sensor, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
@@ -188,7 +188,7 @@ def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iter
     tolerated = book.acceptance
     for check in book.checks():
         own = [one for one in found if one.kind == check.kind and one.limit == check.words]
-        longest = max((one.duration_s for one in own), default=0.0)
+        longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
         share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))
         length_mm = sum(abs(one.travel_mm[1] - one.travel_mm[0]) for one in own if one.travel_mm is not None)

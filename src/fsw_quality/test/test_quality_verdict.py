@@ -119,6 +119,15 @@ def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.Da
     assert ORDER.index(record.verdict) >= ORDER.index(whole)
 
 
+@pytest.mark.parametrize("lost", [20, 22, 23])
+def test_a_sample_lost_beside_an_exceedance_does_not_shorten_it(lost: int) -> None:
+    weld = good_weld()
+    weld.temperature_c[20:24] = 920.0
+    record = judged(without(weld, [lost]))
+    assert record.verdict is Verdict.REJECT and next(one.samples for one in record.exceedances) < 4
+    assert [one.name for one in record.rules if one.verdict is Verdict.REJECT] == ["essential"]
+
+
 @given(st.lists(TICK, min_size=1, max_size=8))
 def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
     record = judged(without(good_weld(), ticks))
