@@ -241,9 +241,9 @@ def test_alarms_of_the_process(graph):
         return lambda: weld.ask("disturb", channel=channel, shape=shape, amplitude=amplitude)
 
     weld.cycle("sensor:torque", fault("nan", sensor="torque"), fault("none", sensor="torque"), "its value is no number")
-    weld.cycle("deviation:depth_mm", disturb("depth", "step", 0.2), disturb("depth", "none"), "Depth off")
-    weld.cycle("deviation:temperature_c", fault("bias", -30.0), fault("none"), "Temperature off")
-    weld.cycle("quality_temperature", fault("bias", -30.0), fault("none"), "outside 790 to 910")
+    weld.cycle("quality:depth_error_mm", disturb("depth", "step", 0.2), disturb("depth", "none"), "Depth off")
+    weld.cycle("quality:temperature_error_c", fault("bias", -30.0), fault("none"), "Temperature off")
+    weld.cycle("essential:temperature_c", fault("bias", -30.0), fault("none"), "outside 790 to 910")
     for value, channel, amplitude in (("force_kn", "axial_force", 10.0), ("speed_rpm", "spindle_speed", 40.0)):
         weld.cycle(
             f"deviation:{value}", disturb(channel, "step", amplitude), disturb(channel, "none"), "does not follow"

@@ -108,13 +108,11 @@ def course_of(signals: WeldSignals) -> Course:
         "set_point_depth_mm": signals.reference_depth_mm,
         "set_point_temperature_c": signals.reference_temperature_c,
     }
-    names = np.array([name for name, _ in signals.phases] or [""], object)
-    begins = [begin - 1e-6 for _, begin in signals.phases[1:]]
     return Course(
         time_s,
         numbers(signals.angle_deg),
         numbers(travel_mm),
-        names[np.searchsorted(begins, time_s, side="right")],
+        signals.phase_names(time_s),
         texts(signals.command_source),
         texts(signals.actual_mode),
         _held(signals, time_s),

@@ -183,6 +183,13 @@ class WeldSignals:
         """From the first tick to the last [s]; 0 with fewer than two ticks."""
         return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
 
+    def phase_names(self, time_s: FloatArray | None = None) -> TextArray:
+        """The phase at each tick, or at other times; the first before it began, empty without a programme."""
+        names = np.array([name for name, _ in self.phases] or [""], object)
+        begins = [begin_s - 1e-6 for _, begin_s in self.phases[1:]]
+        found: TextArray = names[np.searchsorted(begins, self.time_s if time_s is None else time_s, side="right")]
+        return found
+
     @property
     def operators(self) -> tuple[str, ...]:
         """Who asked for something, in order of time."""

@@ -8,22 +8,24 @@ from typing import Any
 
 from rclpy.node import Node
 
+from fsw_analysis.rule_book import RuleBook
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
+from fsw_hmi.standing import variables
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
 
 
 class AlarmDesk:
-    """Judges what a :class:`Watch` has heard; ``setting`` returns a parameter of the node by its name."""
+    """Judges what a :class:`Watch` has heard; arguments as of :class:`AlarmRules`."""
 
-    def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
+    def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook) -> None:
         self.list = AlarmList(lambda count: alarm("flood", count=count))
         self._node, self._watch = node, watch
-        self._rules = AlarmRules(setting)
+        self._rules = AlarmRules(setting, book)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
         self._replaced: dict[str, float] | None = None
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
@@ -60,6 +62,7 @@ class AlarmDesk:
 
     def _situation(self) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()
+        programme = watch.programme()
         return Situation(
             state=watch.state,
             state_age_s=None if watch.state is None else now_s - watch.state_s,
@@ -69,7 +72,8 @@ class AlarmDesk:
             command_age_s=None if view.command_s is None else now_s - view.command_s,
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
             sensor_states=watch.sensor_states,
-            values=watch.values,
+            values=variables(watch.values, programme),
+            phase=programme["phase"] if programme else "",
             attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),

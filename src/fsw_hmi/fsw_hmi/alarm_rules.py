@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any
 from zlib import crc32
 
 from pydantic import BaseModel
 
+from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Reference
@@ -18,7 +19,7 @@ from fsw_control.readiness import Lack, Readiness
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
-from fsw_hmi.limits import QUALITY_TEMPERATURE
+from fsw_hmi.standing import holds
 from fsw_schema.yaml_text import load_yaml
 
 #: time without reports of a node after which that is an alarm
@@ -30,8 +31,8 @@ UNDER_WAY = ("running", "held")
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
-#: how far a value must come back inside its limits, chosen: a fifth of a deviation, 2 degC of the process window
-_BACK, _BACK_C = 0.2, 2.0
+#: how far a value must come back inside its limits, chosen: a fifth of a largest error, a fiftieth of a range
+_BACK, _BACK_RANGE = 0.2, 0.02
 #: set-points that are replaced: share of the least difference from which on they are no longer (chosen)
 _BACK_SHARE = 0.5
 #: a plant reports its watchdog once a second, so later than commands come again
@@ -58,7 +59,8 @@ class _Texts(BaseModel):
     kinds: dict[str, Alarm]
     sensors: dict[str, str]
     interlocks: dict[str, tuple[str, str]]
-    deviations: dict[str, tuple[str, str, str, str, str]]
+    limits: dict[str, tuple[str, str]]
+    drives: dict[str, tuple[str, str, str]]
 
 
 _TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
@@ -78,6 +80,10 @@ def alarm_id(kind: str, name: str) -> str:
         return plain
     kept = "".join(one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10])
     return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
+
+
+def _beyond(check: Check) -> str:
+    return f"below {check.min:g}" if check.max is None else f"above {check.max:g}"
 
 
 def _tripped(state: Mapping[str, Any]) -> str:
@@ -114,7 +120,9 @@ class Situation:
     sample_age_s: Mapping[str, float] = field(default_factory=dict)  #: of the last finite one by sensor
     #: what the supervisor says of each sensor, ``good`` if nothing is wrong
     sensor_states: Mapping[str, str] = field(default_factory=dict)
-    values: Mapping[str, float] = field(default_factory=dict)  #: the newest row by column; NaN where unknown
+    #: of the newest row by column, and their distance from the programme's set-points; NaN where unknown
+    values: Mapping[str, float] = field(default_factory=dict)
+    phase: str = ""  #: of the programme
     attainable: Reference | None = None  #: the set-points that the controller which commands goes for
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
@@ -127,11 +135,11 @@ class Situation:
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
 
-    ``setting`` returns a parameter of the node by its name.
+    ``setting`` returns a parameter of the node by its name; ``book`` is what the weld is judged by.
     """
 
-    def __init__(self, setting: Callable[[str], float]) -> None:
-        self._setting = setting
+    def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
+        self._setting, self._book = setting, book
         self.replaced: Reference | None = None  #: what stands in for set-points that are out of reach
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
@@ -278,14 +286,28 @@ class AlarmRules:
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         if not self._measures(now):
             return
-        for value, (aim, limit, persistence, kind, what) in _TEXTS.deviations.items():
+        for value, (aim, limit, what) in _TEXTS.drives.items():
             name, off, most = f"deviation:{value}", now.value(value) - now.value(aim), self._setting(limit)
             if self._is_outside(name, off, -most, most, _BACK * most):
-                found[name] = self._lasting(alarm(kind, what=what), persistence)
-        low, high = map(self._setting, QUALITY_TEMPERATURE)
-        outside = self._is_outside("quality_temperature", now.value("temperature_c"), low, high, _BACK_C)
-        if outside and not any(name.startswith("interlock:temperature") for name in found):
-            found["quality_temperature"] = self._lasting(alarm("quality", low=low, high=high), "quality_persistence_s")
+                found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
+        for check in self._book.checks():
+            if check.variable in _TEXTS.limits and holds(check, now.phase):
+                self._limit(check, now, found)
+
+    def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
+        """A limit by which the weld is judged; an interlock on the same quantity says more."""
+        low, high = -inf if check.min is None else check.min, inf if check.max is None else check.max
+        is_error = "_error_" in check.variable
+        back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
+        name = f"{check.kind}:{check.variable}"
+        outside = self._is_outside(name, now.value(check.variable), low, high, back if isfinite(back) else 0.0)
+        quantity = check.variable.partition("_")[0]
+        if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
+            what, unit = _TEXTS.limits[check.variable]
+            why = f"outside {check.min:g} to {check.max:g} {unit}" if isfinite(back) else f"{_beyond(check)} {unit}"
+            slow = check.variable == "temperature_error_c"  # a step of the set-point takes its time
+            persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
+            found[name] = self._lasting(alarm(check.kind, what=what, why=why), persistence)
 
     def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import judge
 from fsw_analysis.procedure import rule_book
 from fsw_analysis.recorded_parameters import recorded_parameters
+from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
+from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
 
 #: more cannot be distinguished on one chart
@@ -32,7 +34,7 @@ class BagView:
     """A recorded weld as the page gets it, ready for JSON."""
 
     summary: dict[str, Any]  #: name, duration, phases, events, figures of merit and problems
-    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller")  #: the last two in words
+    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller", "flags")  #: the last ones in words
     #: one per tick, None where something is not known; the time is the scenario's, its first tick at 0.1 s
     rows: list[list[Any]] = field(default_factory=list)
     #: as on the live page, with the interlocks that the supervisor was recorded with
@@ -64,7 +66,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
     except BagError as error:
         parameters = {}
         problems.append(f"{error}: interlocks are not drawn")
-    start_ns = int(signals.stamp_ns[0])
+    start_ns, book = int(signals.stamp_ns[0]), rule_book(signals.attachments)
     summary = {
         "name": name,
         "duration_s": round(float(signals.time_s[-1]), 3),
@@ -72,11 +74,12 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
         "events": [{"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text} for one in signals.events],
-        "account": page_account(judge(signals, rule_book(signals.attachments))),
+        "account": page_account(judge(signals, book)),
         "kpis": _kpis(signals, problems),
         "problems": problems,
     }
-    return BagView(summary, rows=_rows(signals), limits=limits(parameters))
+    found = limits(parameters, book)
+    return BagView(summary, rows=_rows(signals, book, found), limits=found)
 
 
 def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
@@ -112,7 +115,7 @@ def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _rows(signals: WeldSignals) -> list[list[Any]]:
+def _rows(signals: WeldSignals, book: RuleBook, limits: Mapping[str, Mapping[str, Any]]) -> list[list[Any]]:
     nothing = np.full(signals.n_ticks, np.nan)
     acting = signals.drives if signals.drives is not None else signals.truth
     force_kn, speed_rpm = (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
@@ -133,8 +136,16 @@ def _rows(signals: WeldSignals) -> list[list[Any]]:
     }
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
-    rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, strict=True)
+    wrong = flags(columns | _errors_of(signals), signals.phase_names(), book, limits)
+    rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, wrong, strict=True)
     return list(map(list, rows))
+
+
+def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:
+    return {
+        "depth_error_mm": signals.depth_mm - signals.programme_depth_mm,
+        "temperature_error_c": signals.temperature_c - signals.programme_temperature_c,
+    }
 
 
 def _solve_time_s(signals: WeldSignals) -> FloatArray:

@@ -6,6 +6,7 @@ node ends or dies.
 
 from __future__ import annotations
 
+import json
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -35,13 +36,15 @@ from fsw_hmi.alarm_rules import NO_PROGRAMME_S, NO_REPORT_S, UNDER_WAY
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
+from fsw_hmi.headline import Now, headline
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, QUALITY_TEMPERATURE, limits, reference, safe_state
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
+from fsw_hmi.standing import flags_now
 from fsw_hmi.watch_ros import NO_STATE, Watch
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
@@ -83,8 +86,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
-        self._desk = AlarmDesk(self, self._watch, self._setting)
-        self._weld = LiveWeld(_book(values["procedure"]))
+        self._book = _book(values["procedure"])
+        self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
+        self._weld = LiveWeld(self._book)
+        self._flags: dict[str, dict[str, str]] = {}
+        self._headline: dict[str, str] = {}
+        self._account: dict[str, Any] | None = None
         self._orders = Orders(self)
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
@@ -175,7 +182,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
-                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text}}}'
+                self._flags = flags_now(self._watch.values, self._watch.programme(), self._book, self._limits())
+                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},"flags":{json.dumps(self._flags)}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
     def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
@@ -196,13 +204,24 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         parts.sort(key=lambda one: one["level"] == "ok")
         self._show("state", {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]})
 
+    def _show_headline(self) -> None:
+        watch, now_s = self._watch, time.monotonic()
+        tick_s = watch.view.tick_s
+        state = {"known": now_s - watch.state_s <= NO_REPORT_S, **(watch.state or NO_STATE)}
+        age_s = None if tick_s is None else now_s - tick_s
+        found = headline(Now(age_s, self._desk.frame()["alarms"], self._flags, state, self._account))
+        if found != self._headline:
+            self._headline = found
+            self._show("headline", found)
+
+    def _limits(self) -> dict[str, dict[str, Any]]:
+        return limits(self._interlocks, self._book, {name: self._setting(name) for name in DEVIATIONS})
+
     def _say_hello(self) -> None:
         hello = {
             "emulator": self._emulator,
             "all_welds": bool(self._settings["history_report"]),
-            "limits": limits(
-                self._interlocks, {name: self._setting(name) for name in (*DEVIATIONS, *QUALITY_TEMPERATURE)}
-            ),
+            "limits": self._limits(),
             "reference": reference(self._interlocks),
             "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
@@ -216,6 +235,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._watch.look()
         if self._desk.judge():
             self._show("alarms", self._desk.frame())
+        self._show_headline()
 
     def _report(self) -> None:
         watch = self._watch
@@ -225,8 +245,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if watch.progress is not None:
             silent = watch.progress["state"] in UNDER_WAY and time.monotonic() - watch.progress_s > NO_PROGRAMME_S
             self._show("progress", watch.progress | ({"state": "silent"} if silent else {}))
-        if (account := self._weld.frame()) is not None:
-            self._show("account", account)
+        self._account = self._weld.frame()
+        if self._account is not None:
+            self._show("account", self._account)
         self._keep()
         is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
         if watch.leader and is_old and self._get_parameters.service_is_ready():

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
-from fsw_control import weld
+from fsw_analysis.rule_book import RuleBook
 from fsw_control.ranges import (
     COMMAND_FORCE_KN,
     COMMAND_SPEED_RPM,
@@ -17,6 +17,7 @@ from fsw_control.ranges import (
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
 from fsw_hmi.frames import readable
+from fsw_hmi.standing import QUANTITIES
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
     DISTURBANCE_SHAPES,
@@ -27,21 +28,18 @@ from fsw_plant.event_schema import (
 )
 from fsw_schema.ranges import Range
 
-#: bands of good depths, from the set-point, and temperatures
-QUALITY_DEPTH_MM = (-weld.QUALITY_DEPTH_MM, weld.QUALITY_DEPTH_MM)
-QUALITY_TEMPERATURE_C = (weld.QUALITY_TEMPERATURE_MIN_C, weld.QUALITY_TEMPERATURE_MAX_C)
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
 #: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high values
 _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "depth_mm": (
         REFERENCE_DEPTH_MM,
-        {"quality": QUALITY_DEPTH_MM, "dead_band": DEAD_BAND_DEPTH_MM},
+        {"dead_band": DEAD_BAND_DEPTH_MM},
         *SET_POINT_INTERLOCKS["depth_mm"],
     ),
     "temperature_c": (
         REFERENCE_TEMPERATURE_C,
-        {"quality": QUALITY_TEMPERATURE_C, "dead_band": DEAD_BAND_TEMPERATURE_C},
+        {"dead_band": DEAD_BAND_TEMPERATURE_C},
         *SET_POINT_INTERLOCKS["temperature_c"],
     ),
     "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
@@ -60,10 +58,8 @@ PARAMETERS = (
 )
 
 
-#: the page's parameters that say how far a value may be off what it should follow
-DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("depth_mm", "temperature_c", "force_kn", "speed_rpm"))
-#: the page's parameters that say between which temperatures a weld is good
-QUALITY_TEMPERATURE = ("quality_temperature_min_c", "quality_temperature_max_c")
+#: the page's parameters that say how far a drive may be off its command
+DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("force_kn", "speed_rpm"))
 
 
 def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> list[float | None]:
@@ -71,12 +67,13 @@ def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> lis
     return [parameters.get(f"interlocks.{name}.{level}") for name in _QUANTITIES[quantity][2:]]
 
 
-def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None = None) -> dict[str, dict[str, Any]]:
+def limits(
+    parameters: Mapping[str, Any], book: RuleBook, deviations: Mapping[str, float] | None = None
+) -> dict[str, dict[str, Any]]:
     """Limits of every quantity for the page, in its protocol's words.
 
-    ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
-    ``deviations`` go by the names in ``DEVIATIONS``, that of the depth is its quality limit, and by those in
-    ``QUALITY_TEMPERATURE``.
+    ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``; ``book`` is
+    the rule book by which the weld is judged, and ``deviations`` go by the names in ``DEVIATIONS``.
     """
     found: dict[str, dict[str, Any]] = {}
     for quantity, (scale, known, *_) in _QUANTITIES.items():
@@ -87,10 +84,13 @@ def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None
                 found[quantity][level] = pair
         if deviations is not None and f"deviation_{quantity}" in deviations:
             found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
-    if deviations is not None:
-        found["depth_mm"]["quality"] = [-deviations["deviation_depth_mm"], deviations["deviation_depth_mm"]]
-        if deviations.keys() >= set(QUALITY_TEMPERATURE):
-            found["temperature_c"]["quality"] = [deviations[name] for name in QUALITY_TEMPERATURE]
+        kept = [
+            {"low": one.min, "high": one.max, "of_aim": one.variable != quantity}
+            for _, one in book.limits()
+            if one.variable in (quantity, QUANTITIES[quantity])
+        ]
+        if kept:
+            found[quantity]["kept"] = kept
     return found
 
 

@@ -21,6 +21,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
+from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
 
 _SENSORS = dict(zip(SENSORS, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
@@ -68,9 +69,11 @@ class LiveWeld:
         """Take a tick, with whose command answered it."""
         stamp_ns, values = row.stamp_ns, dict(zip(COLUMNS[1:], row.values, strict=True))
         progress: Mapping[str, Any] = self._progress or {}
-        own = [progress.get(key) for key in ("depth_mm", "temperature_c", "length_mm")]
+        aims, length_mm = programme_aims(progress), progress.get("length_mm")
+        travel_mm = nan if length_mm is None else float(length_mm)
+        own = (aims.get("depth_mm", nan), aims.get("temperature_c", nan), travel_mm)
         self._stamps_ns.append(stamp_ns)
-        self._rows.append((*row.values, *(nan if one is None else float(one) for one in own)))
+        self._rows.append((*row.values, *own))
         state = self._state or ("", "", "", (), "", -1, "")
         self._texts.append((source, state[0], state[1]))
         changes: tuple[tuple[list[tuple[int, Any]], Any], ...]

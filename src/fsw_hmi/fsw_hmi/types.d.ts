@@ -17,7 +17,8 @@ type Allowed = { unit: string; min: number; max: number };
 
 interface Limit {
   range: [number, number];
-  quality?: Pair;
+  /** within which it is to be kept by the rule book: absolute, or about its set-point */
+  kept?: { low: Value; high: Value; of_aim: boolean }[];
   dead_band?: number;
   deviation?: number;
   warn?: Pair;
@@ -138,7 +139,11 @@ interface Action {
 /** Set-points to come, or a controller's plan: values by quantity, at times of the weld, and as `quantity:deviation` the
  * standard deviations of what will be measured. */
 type Ahead = { time_s: number[] } & { [quantity: string]: number[] | undefined };
-type Tick = { t: "tick"; server_s: number; row: Row };
+/** What the server finds wrong with a quantity. */
+type Flag = { level: "medium" | "high"; kind: "trip" | "essential" | "warn" | "quality" | "error" | "deviation"; text: string };
+/** By quantity; most have nothing. */
+type Flags = Record<string, Flag | undefined>;
+type Tick = { t: "tick"; server_s: number; row: Row; flags: Flags };
 type Frame =
   | Hello
   | State
@@ -146,6 +151,7 @@ type Frame =
   | Control
   | Tick
   | (Account & { t: "account" })
+  | (Headline & { t: "headline" })
   | { t: "history"; rows: Row[] }
   | { t: "beat"; tick_age_s: Value }
   | ({ t: "prediction"; controller: string } & Ahead)
@@ -167,29 +173,15 @@ interface Listener {
 }
 type Ask = (text: string, request: string, fields?: object) => Promise<Answer>;
 
-interface Verdict {
+/** Whether the weld is good, and if not, what is worst. */
+interface Headline {
   level: Level;
   text: string;
   detail?: string;
 }
-/** What the verdict is made of. */
-interface Now {
-  state: State;
-  alarms: Alarm[];
-  values: Values;
-  limits: Limits;
-  account: Account | null;
-  tickAgeS: Value;
-}
 interface Note {
   level: string;
   text: string;
-}
-interface Judgement {
-  level: "medium" | "high" | null;
-  text: string;
-  /** off its set-point or command, and nothing worse */
-  isOff?: boolean;
 }
 interface Choice {
   value: string;

@@ -21,7 +21,7 @@ from fsw_control.contract import SENSORS, Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, Part
+from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import ControllerHealth, ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
@@ -148,6 +148,10 @@ class Watch:
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
+
+    def programme(self) -> dict[str, Any] | None:
+        """What a programme that is under way has reported last."""
+        return self.progress if self.progress and self.progress["state"] in UNDER_WAY else None
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now_s = time.monotonic()

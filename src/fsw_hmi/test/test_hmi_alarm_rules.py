@@ -2,6 +2,7 @@
 
 import pytest
 
+from fsw_analysis.rule_book import Limit, default
 from fsw_control.cause import Cause
 from fsw_control.contract import Reference
 from fsw_control.parameters import defaults, load
@@ -9,8 +10,9 @@ from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.frames import readable
-from fsw_hmi.limits import limits
+from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.requests import Acknowledge
+from fsw_hmi.standing import variables
 
 SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
 GOOD = {"depth_mm": 2.66, "reference_depth_mm": 2.66, "temperature_c": 850.0, "reference_temperature_c": 850.0}
@@ -30,7 +32,8 @@ def state(**changed):
 
 def situation(values=None, **changed):
     usual = {"state": state(), "state_age_s": 0.1, "tick_age_s": 0.05, "command_age_s": 0.05}
-    usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}, "values": GOOD | (values or {})}
+    usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
+    changed["values"] = variables(changed.get("values", GOOD | (values or {})))
     return Situation(**usual | changed)
 
 
@@ -41,7 +44,7 @@ def gateway(connection="ok", machine="ok", permissive=True, writes="ok"):
 
 @pytest.fixture
 def rules():
-    return AlarmRules(SETTINGS.__getitem__)
+    return AlarmRules(SETTINGS.__getitem__, default())
 
 
 def test_every_alarm_has_one_cause_one_consequence_and_one_action():
@@ -113,12 +116,12 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"parts": {"fsw_plant": {"commands": Part("error", "2 publishers; 3 refused")}}}, "foreign", "medium"),
         ({"parts": {"fsw_supervisor": {"arbiter": Part("ok", ""), "standby": Part("stale", "")}}}, "standby", "low"),
         ({"pages": 2}, "other_page", "medium"),
-        ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
-        ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
+        ({"values": {"depth_mm": 2.77}}, "quality:depth_error_mm", "medium"),
+        ({"values": {"temperature_c": 813.0}}, "quality:temperature_error_c", "medium"),
         ({"values": {"force_kn": 86.0}}, "deviation:force_kn", "medium"),
         ({"attainable": Reference(2.66, 849.0)}, "out_of_reach", "low"),
         ({"values": {"command_speed_rpm": 421.0}}, "deviation:speed_rpm", "medium"),
-        ({"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}}, "quality_temperature", "medium"),
+        ({"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}}, "essential:temperature_c", "medium"),
         (
             {
                 "values": {"temperature_c": 911.0, "reference_temperature_c": 911.0},
@@ -256,7 +259,7 @@ def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
 
 def test_value_must_be_back_by_a_margin_and_both_must_last(rules):
     def one(off_mm):
-        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get("deviation:depth_mm")
+        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get("quality:depth_error_mm")
 
     assert one(0.09) is None
     assert (one(-0.11).on_s, one(-0.11).off_s) == (2.0, 2.0)
@@ -279,10 +282,13 @@ def test_whether_commands_reach_the_machine_is_told(rules):
 
 
 def test_the_process_window_is_told_as_it_is_in_force():
-    narrow = SETTINGS | {"quality_temperature_min_c": 805.0, "quality_temperature_max_c": 870.0}
-    values = {"temperature_c": 871.0, "reference_temperature_c": 871.0}
-    found = AlarmRules(narrow.__getitem__).present(situation(values), 0.0)
-    assert found["quality_temperature"].text == "Temperature outside 805 to 870 °C"
+    narrow = Limit(variable="temperature_c", min=805.0, max=870.0, phases=("joint_line",), source="test")
+    rules = AlarmRules(SETTINGS.__getitem__, default().model_copy(update={"quality": (narrow,)}))
+    values = {"temperature_c": 871.0, "reference_temperature_c": 850.0}
+    for phase, is_there in (("", True), ("joint_line", True), ("dwell", False)):
+        found = rules.present(situation(values, phase=phase), 0.0)
+        assert list(found) == ["quality:temperature_c"] * is_there
+        assert [one.text for one in found.values()] == ["Temperature: outside 805 to 870 °C"] * is_there
 
 
 def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
@@ -319,9 +325,10 @@ def test_texts_of_others_are_made_readable(text, shown):
 
 
 def test_page_gets_the_limits_that_the_alarms_have():
-    found = limits({}, {name: SETTINGS[name] for name in SETTINGS if name.startswith("deviation_")})
-    assert found["depth_mm"]["quality"] == [-0.1, 0.1]
-    assert [found[name]["deviation"] for name in ("temperature_c", "force_kn", "speed_rpm")] == [15.0, 5.0, 20.0]
+    found = limits({}, default(), {name: SETTINGS[name] for name in DEVIATIONS})
+    assert found["depth_mm"]["kept"][-1] == {"low": -0.1, "high": 0.1, "of_aim": True}
+    assert found["temperature_c"]["kept"][0] == {"low": 790.0, "high": 910.0, "of_aim": False}
+    assert [found[name]["deviation"] for name in ("force_kn", "speed_rpm")] == [5.0, 20.0]
 
 
 def test_set_point_out_of_reach_is_told_with_what_is_attainable(rules):

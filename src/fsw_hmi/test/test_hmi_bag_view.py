@@ -28,7 +28,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> None:
     [shown] = load([bag])
-    assert shown.columns == (*COLUMNS, "mode", "controller")
+    assert shown.columns == (*COLUMNS, "mode", "controller", "flags")
     assert len(shown.rows) == 300
     assert {len(row) for row in shown.rows} == {len(shown.columns)}
     first, last = (dict(zip(shown.columns, row, strict=True)) for row in (shown.rows[0], shown.rows[-1]))

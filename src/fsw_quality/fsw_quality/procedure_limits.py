@@ -32,7 +32,7 @@ _COMMANDS: dict[Variable, str] = {"force_kn": "limits.force_{}_kn", "speed_rpm":
 
 
 def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters that follow from a procedure, by node: the supervisor's and those of the operator's page.
+    """Parameters that follow from a procedure, by node: the supervisor's; the operator's page reads the file itself.
 
     Only limits that hold in every phase count: the supervisor does not know the phase. Trips are the essential limits;
     warnings are the ends of the permitted set-points or, where there are none, as far from the trip as by the
@@ -43,7 +43,7 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
     fsw_schema.models.InputError
         Its limits leave nothing of what the drives can do.
     """
-    return {"fsw_supervisor": _supervisor(procedure, supervisor), "fsw_hmi": _page(procedure)}
+    return {"fsw_supervisor": _supervisor(procedure, supervisor)}
 
 
 def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -60,8 +60,8 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     # what is signed may lie anywhere: the file itself is read, beside its signature
     command = [sys.executable, "-m", "fsw.main", "record", BAG, "--procedure", file, "--out", f"{BAG}/record"]
     nodes = node_parameters(load(file), supervisor)
-    nodes["fsw_hmi"]["procedure"] = file
     return nodes | {
+        "fsw_hmi": {"procedure": file},
         "fsw_procedure": {"procedure": file},
         "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
     }
@@ -98,10 +98,11 @@ def check_possible(procedure: Procedure) -> None:
             )
 
 
-def _always(procedure: Procedure, kind: str, variable: Variable) -> list[Limit]:
+def _always(procedure: Procedure, variable: Variable) -> list[Limit]:
     phases = {phase.name for phase in procedure.phases}
-    limits = procedure.essential if kind == "essential" else procedure.quality
-    return [one for one in limits if one.variable == variable and (not one.phases or set(one.phases) == phases)]
+    return [
+        one for one in procedure.essential if one.variable == variable and (not one.phases or set(one.phases) == phases)
+    ]
 
 
 def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
@@ -114,7 +115,7 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
     found: dict[str, Any] = {}
     for names, end in ((_LOW, 0), (_HIGH, 1)):
         for variable, name in names.items():
-            trip = _narrowest(_always(procedure, "essential", variable))[end]
+            trip = _narrowest(_always(procedure, variable))[end]
             if trip is None:
                 continue
             key = f"interlocks.{name}"
@@ -124,7 +125,7 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
                 warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
             found |= {f"{key}.warn": warn, f"{key}.trip": trip}
     for variable, pattern in _COMMANDS.items():
-        low, high = _narrowest(_always(procedure, "essential", variable))
+        low, high = _narrowest(_always(procedure, variable))
         if low is not None:
             found[pattern.format("min")] = max(low, default[pattern.format("min")])
         if high is not None:
@@ -136,20 +137,4 @@ def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, A
                 f"procedure {procedure.id}: essential limits of {variable} leave nothing of what the drives can do, "
                 f"{ends[0]:g} to {ends[1]:g}"
             )
-    return found
-
-
-def _page(procedure: Procedure) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    low, high = _narrowest(_always(procedure, "quality", "depth_error_mm"))
-    ends = [abs(one) for one in (low, high) if one is not None]
-    if ends:
-        found["deviation_depth_mm"] = min(ends)
-    low, high = _narrowest(
-        _always(procedure, "quality", "temperature_c") + _always(procedure, "essential", "temperature_c")
-    )
-    if low is not None:
-        found["quality_temperature_min_c"] = low
-    if high is not None:
-        found["quality_temperature_max_c"] = high
     return found

@@ -24,13 +24,16 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_hmi import history_report
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
+from fsw_hmi.standing import flags_now
 from fsw_hmi.trends_library import Uplot
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
@@ -45,8 +48,7 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.warn": 800.0, "interlocks.temperature_high.warn": 900.0},
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
-_DEVIATIONS = {"deviation_depth_mm": 0.1, "deviation_temperature_c": 15.0}
-LIMITS = limits(_INTERLOCKS, _DEVIATIONS)
+LIMITS = limits(_INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
 
 
 def weld_row(time_s: float) -> list[float]:
@@ -100,6 +102,7 @@ class FakeHmi:
         self.held_s: float | None = None  #: the weld's clock, when it hardly moves
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
+        self._flags: dict[str, dict[str, str]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._uplot = Uplot()
         app = Starlette(
@@ -164,7 +167,7 @@ class FakeHmi:
         control = {"t": "control", **self._room.control(session, time.monotonic())}
         reach = {"ok": True, "text": "Commands reach the machine"}
         alarms = {"t": "alarms", "alarms": self.alarms, "reach": reach, "attainable": self.attainable}
-        frames = [{"t": "state", **self.state}, alarms, {"t": "account", **self.account}, control]
+        frames = [{"t": "state", **self.state}, alarms, {"t": "account", **self.account}, control, self._headline()]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -190,17 +193,26 @@ class FakeHmi:
                 await self._push()
             if self.measuring:
                 self._last_tick_s = time.time()
-                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": self._row(self._time_s())})
+                row = self._row(self._time_s())
+                self._flags = flags_now(dict(zip(COLUMNS[1:], row[1:], strict=True)), self.progress, default(), LIMITS)
+                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": row, "flags": self._flags})
             if count % 3 == 0:
                 now = time.time()
-                age = now - self._last_tick_s if self._last_tick_s else None
-                frames.append({"t": "beat", "server_s": now, "tick_age_s": age})
+                frames.append({"t": "beat", "server_s": now, "tick_age_s": self._tick_age_s()})
+                frames.append(self._headline())
             if count % 5 == 0 and self.measuring:
                 frames.append(_prediction(time.time() - self.start_s))
             for socket, _ in [] if self.silent else list(self._sessions.values()):
                 for frame in frames:
                     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
                         await socket.send_text(json.dumps(frame))
+
+    def _tick_age_s(self) -> float | None:
+        return time.time() - self._last_tick_s if self._last_tick_s else None
+
+    def _headline(self) -> dict[str, Any]:
+        now = Now(self._tick_age_s(), self.alarms, self._flags, self.state, self.account)
+        return {"t": "headline", **headline(now)}
 
     def _time_s(self) -> float:
         if self.held_s is None:
@@ -309,7 +321,7 @@ class FakeHmi:
 
     async def _bag(self, request: Request) -> Response:
         bag = self.bags[request.path_params["n"]]
-        return JSONResponse({"columns": [*COLUMNS, "mode", "controller"], "rows": bag["rows"]})
+        return JSONResponse({"columns": [*COLUMNS, "mode", "controller", "flags"], "rows": bag["rows"]})
 
 
 SAFE_STOP = (
@@ -349,11 +361,11 @@ def sample_alarms(now_s: float) -> list[dict[str, Any]]:
 
 def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict[str, Any]:
     """A recorded weld as the server tells it, with its rows."""
-    rows = []
+    rows: list[list[Any]] = []
     for i in range(int(duration_s / TICK_S)):
         row = weld_row(i * TICK_S)
         row[1] += shift_mm
-        rows.append([*(round(value, 4) for value in row), "auto", "nmpc" if i * TICK_S > 60.0 else "decentral"])
+        rows.append([*(round(value, 4) for value in row), "auto", "nmpc" if i * TICK_S > 60.0 else "decentral", {}])
     kpis = [("depth IAE", "mm s", 1.2 + n), ("temperature IAE", "°C s", 80.0 - n), ("missed ticks", "", 0.0)]
     return {
         "n": n,

@@ -3,7 +3,7 @@ import { Bars } from "./bars.js";
 import { byId, el, panel, scroll, setText } from "./dom.js";
 import { clock, fixed, NONE, SIGN, span, words } from "./format.js";
 import { Player } from "./player.js";
-import { drawTime, LINES, liveLines, Trends, uPlotReady, withQuality } from "./trends.js";
+import { drawTime, LINES, liveLines, Trends, uPlotReady, withNormal } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
 
 const SECOND = "#1f5f9e";
@@ -126,7 +126,7 @@ class BagPage {
     this.timeS = timeS;
     const row = this.first.rows.findLast((one) => one[0] <= timeS + 1e-6) ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
-    this.bars?.update(values);
+    this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
     const phase = this.first.phases.find((one) => one.name !== "whole weld" && one.begin_s <= timeS && timeS < one.end_s);
     setText(this.phase, words(phase?.name) || NONE);
@@ -141,7 +141,7 @@ class BagPage {
 function overlaid(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
   const tables = welds.map((weld, n) => {
     /** @type {Columns} */ const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
-    return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withQuality(columns, limits);
+    return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withNormal(columns, limits);
   });
   if (tables.length === 1 || !globalThis.uPlot) return tables[0];
   const joined = uPlot.join(tables.map((table) => /** @type {import("uplot").AlignedData} */ (Object.values(table))));

@@ -1,7 +1,7 @@
 // The values now: a numeral and an analogue bar each, with normal range, limits, set-point and dead-band.
 import { at, el, panel, setText } from "./dom.js";
 import { fixed, known, SIGN, signed } from "./format.js";
-import { judge, qualityLimits, QUANTITIES } from "./quantities.js";
+import { normalRange, QUANTITIES } from "./quantities.js";
 
 class Bar {
   constructor(/** @type {Spec} */ spec, /** @type {Limits} */ limits) {
@@ -19,9 +19,9 @@ class Bar {
     this.plan = el("span", { className: "plan" });
     this.scale = el("div", { className: "scale", role: "img", "aria-label": `${spec.name}: scale ${this.low} to ${this.high} ${spec.unit}` });
     this.tile.append(el("p", { className: "reading" }, this.value), el("p", { className: "beside" }, this.aim, " ", this.plan, " ", this.flag), el("div", { className: "gauge" }, this.scale));
-    const { quality, warn, trip, dead_band: deadBand } = this.own;
-    this.normal = quality || warn || trip ? this.#part("band normal") : null;
-    if (this.normal && !quality) this.#stretch(this.normal, ...(warn ?? trip ?? [null, null]));
+    const { kept, warn, trip, dead_band: deadBand } = this.own;
+    this.normal = kept || warn || trip ? this.#part("band normal") : null;
+    if (this.normal && !kept) this.#stretch(this.normal, ...(warn ?? trip ?? [null, null]));
     this.deadBand = deadBand ? this.#part("band dead-band") : null;
     this.#limits("warn", warn);
     this.#limits("trip", trip);
@@ -31,11 +31,11 @@ class Bar {
     this.goal = this.#part("mark goal");
     this.marker = this.#part("mark marker");
     this.pointer = this.#part("mark pointer");
-    this.update(null, null, null, null);
+    this.update(null, null, null, null, null);
   }
 
-  /** `plan` is the programme's set-point, which need not be the one in force, `goal` what stands in for one out of reach. @param {Value} value @param {Value} aim @param {Value} plan @param {Value} goal */
-  update(value, aim, plan, goal) {
+  /** `plan` is the programme's set-point, which need not be the one in force, `goal` what stands in for one out of reach, `wrong` what the server finds wrong. @param {Value} value @param {Value} aim @param {Value} plan @param {Value} goal @param {Flag?} wrong */
+  update(value, aim, plan, goal, wrong) {
     const { spec } = this;
     setText(this.value, fixed(value, spec.digits));
     const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, Math.abs(value - aim) < 99.5 ? spec.digits : 0)})` : "";
@@ -44,16 +44,15 @@ class Bar {
     const sign = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";
     setText(this.plan, known(plan) ? `${sign} programme ${fixed(plan, spec.digits)}` : "");
     this.plan.classList.toggle("differs", differs);
-    const { level, text, isOff } = judge(spec.key, this.limits, value, aim);
     const replaced = goal !== null && known(aim) && fixed(goal, spec.digits) !== fixed(aim, spec.digits);
-    const told = replaced && (!level || isOff) ? `attainable ${fixed(goal, spec.digits)}` : text; // why it is off
-    this.tile.dataset.level = level ?? (replaced ? "low" : "");
-    setText(this.flag, told && `${SIGN[level ?? "low"]} ${told}`);
+    const told = replaced && (!wrong || wrong.kind === "error") ? `attainable ${fixed(goal, spec.digits)}` : wrong?.text; // why it is off
+    this.tile.dataset.level = wrong?.level ?? (replaced ? "low" : "");
+    setText(this.flag, told ? `${SIGN[wrong?.level ?? "low"]} ${told}` : "");
     this.#point(this.planned, differs ? plan : null);
     this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);
     this.#point(this.marker, aim);
-    if (this.normal && this.own.quality) this.#stretch(this.normal, ...qualityLimits(this.spec.key, this.limits, aim));
+    if (this.normal && this.own.kept) this.#stretch(this.normal, ...normalRange(this.spec.key, this.limits, plan ?? aim));
     const half = this.own.dead_band ?? 0;
     if (this.deadBand) this.#stretch(this.deadBand, aim === null ? null : aim - half, aim === null ? null : aim + half);
   }
@@ -103,12 +102,12 @@ export class Bars {
     root.replaceChildren(...this.bars.map((bar) => bar.tile));
   }
 
-  /** Show the values beside the programme's set-points, and what stands in for those out of reach. @param {Values} values @param {Programme?} programme @param {SetPoints?} attainable */
-  update(values, programme = null, attainable = null) {
+  /** Show the values with what is wrong with them, the programme's set-points, and what stands in for those out of reach. @param {Values} values @param {Flags} flags @param {Programme?} programme @param {SetPoints?} attainable */
+  update(values, flags, programme = null, attainable = null) {
     const [plan, goals] = /** @type {(Values | null)[]} */ (/** @type {unknown} */ ([programme, attainable]));
     for (const bar of this.bars) {
       const { key, aim } = bar.spec;
-      bar.update(values[key] ?? null, values[aim] ?? null, plan?.[key] ?? null, goals?.[key] ?? null);
+      bar.update(values[key] ?? null, values[aim] ?? null, plan?.[key] ?? null, goals?.[key] ?? null, flags[key] ?? null);
     }
   }
 }

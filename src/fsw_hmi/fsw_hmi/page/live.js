@@ -11,11 +11,13 @@ import { LiveTrends } from "./live_trends.js";
 import { Status } from "./status.js";
 import { Store } from "./store.js";
 import { Veil } from "./veil.js";
-import { TICK_AGE_S, verdict } from "./verdict.js";
 import { WeldMap } from "./weld_map.js";
 
 /** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
 /** @type {State} */ const UNKNOWN = { t: "state", known: false, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, controllers: [], interlocks: [], parts: [] };
+
+/** No ticks for longer than this: the values on the page are old. */
+const TICK_AGE_S = 0.5;
 
 /** @implements {Listener} */
 export class LivePage {
@@ -25,7 +27,7 @@ export class LivePage {
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
   /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
-  /** @type {Account?} */ account = null;
+  /** @type {Headline} */ headline = { level: "attention", text: "No measurements yet", detail: "" };
   /** @type {Value} */ tickAgeS = null;
 
   constructor() {
@@ -89,7 +91,7 @@ export class LivePage {
     if (this.trends) this.trends.toServerS = tick.server_s - (tick.row[0] ?? NaN);
     this.values = Object.fromEntries(this.hello.columns.map((name, i) => [name, tick.row[i]]));
     this.tickAgeS = 0;
-    this.bars?.update(this.values, this.progress, this.alarms.attainable);
+    this.bars?.update(this.values, tick.flags, this.progress, this.alarms.attainable);
     this.map?.add([tick.row]);
     this.status.progress.update(this);
     this.#judge();
@@ -102,7 +104,7 @@ export class LivePage {
 
   #judge() {
     if (!this.connection.live || !this.hello) return;
-    this.status.judge(verdict({ state: this.state, alarms: this.alarms.alarms, values: this.values, limits: this.hello.limits, account: this.account, tickAgeS: this.tickAgeS }));
+    this.status.judge(this.headline);
     this.controllers.time(this.values);
     document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
   }

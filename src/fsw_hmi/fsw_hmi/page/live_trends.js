@@ -2,7 +2,7 @@
 import { el } from "./dom.js";
 import { clock } from "./format.js";
 import { TRENDS } from "./quantities.js";
-import { drawBand, drawLine, drawTime, liveLines, Trends, withQuality } from "./trends.js";
+import { drawBand, drawLine, drawTime, liveLines, Trends, withNormal } from "./trends.js";
 
 /** Redrawing a long window as often as a short one would cost much and change no pixel. */
 const WINDOWS = [
@@ -85,7 +85,7 @@ export class LiveTrends {
     const ahead = Math.max(least, (this.#preview?.time_s.at(-1) ?? now) - now);
     const [from, to] = this.#moment === null ? [now - length, now + ahead] : [this.#moment - length / 2, this.#moment + length / 2];
     const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(this.#preview?.[key] ?? [])]]));
-    this.trends.draw(withQuality(this.store.since(from), this.limits), from, to, held);
+    this.trends.draw(withNormal(this.store.since(from), this.limits), from, to, held);
   }
 
   /** Fixed places, so that the axis does not crawl: the curves move below it. @param {number} min @param {number} max */

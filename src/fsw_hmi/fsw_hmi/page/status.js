@@ -18,7 +18,7 @@ export class Status {
   link = part("#clock .detail");
   progress = new Progress();
 
-  judge(/** @type {Verdict} */ { level, text, detail }) {
+  judge(/** @type {Headline} */ { level, text, detail }) {
     this.verdict.dataset.level = level;
     setText(this.sign, SIGN[level]);
     setShort(this.text, text);

@@ -1,7 +1,7 @@
 // Trends by uPlot, one below the other on one time axis.
 import { el } from "./dom.js";
 import { fixed } from "./format.js";
-import { qualityLimits, quantity, TRENDS } from "./quantities.js";
+import { normalRange, quantity, TRENDS } from "./quantities.js";
 
 const INK = "#1c1f22";
 const GRID = { stroke: "#b3b8bc", width: 1 };
@@ -22,11 +22,11 @@ export const LINES = {
   edge: (key) => ({ key, stroke: "#7b848a", width: 1 }),
 };
 
-/** Columns of the quality limits along a trend; those of the depth follow its set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
-export function withQuality(columns, limits) {
+/** Columns of the normal range along a trend, which may follow the set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
+export function withNormal(columns, limits) {
   const extended = { ...columns };
-  for (const key of TRENDS.filter((one) => limits[one]?.quality)) {
-    const edges = Array.from(columns[quantity(key).aim], (aim) => qualityLimits(key, limits, aim));
+  for (const key of TRENDS.filter((one) => limits[one]?.kept)) {
+    const edges = Array.from(columns[quantity(key).aim], (aim) => normalRange(key, limits, aim));
     [extended[`${key}:low`], extended[`${key}:high`]] = [edges.map(([low]) => low), edges.map(([, high]) => high)];
   }
   return extended;
@@ -34,7 +34,7 @@ export function withQuality(columns, limits) {
 
 /** The lines of a quantity in the live page. @param {string} key @param {Limits} limits */
 export function liveLines(key, limits) {
-  const edges = limits[key]?.quality ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
+  const edges = limits[key]?.kept ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
   return [...edges, LINES.aim(quantity(key).aim), LINES.value(key)];
 }
 

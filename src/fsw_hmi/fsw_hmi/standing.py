@@ -1,0 +1,136 @@
+"""How values stand at a moment: against interlocks in force, limits of the rule book, and what they should follow.
+
+The page draws what is found here and judges nothing itself; ``fsw_analysis.judgement`` judges the weld as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import nan
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from fsw_analysis.rule_book import Check, RuleBook
+from fsw_analysis.weld_signals import FloatArray, TextArray
+
+Kind = Literal["trip", "essential", "warn", "quality", "error", "deviation"]
+#: by kind: level and words
+_WORDS: dict[Kind, tuple[str, str]] = {
+    "trip": ("high", "beyond trip"),
+    "essential": ("high", "beyond its essential limit"),
+    "warn": ("medium", "warning"),
+    "quality": ("medium", "off quality"),
+    "error": ("medium", "off its set-point"),
+    "deviation": ("medium", "off its command"),
+}
+#: quantities of the page, and the variable of the rule book that is their distance from the programme's set-point
+QUANTITIES = {
+    "depth_mm": "depth_error_mm",
+    "temperature_c": "temperature_error_c",
+    "force_kn": "",
+    "speed_rpm": "",
+    "torque_nm": "",
+    "power_kw": "",
+}
+
+
+class _Test(NamedTuple):
+    """A range that values must be in."""
+
+    kind: Kind
+    variable: str
+    low: float
+    high: float
+    phases: tuple[str, ...] = ()
+
+
+def variables(values: Mapping[str, float], progress: Mapping[str, Any] | None = None) -> dict[str, float]:
+    """Values of a row, and their distance from the programme's set-points; without a programme those in force."""
+    own = programme_aims(progress)
+    found = dict(values)
+    for quantity, error in QUANTITIES.items():
+        if error:
+            found[error] = values.get(quantity, nan) - own.get(quantity, values.get(f"reference_{quantity}", nan))
+    return found
+
+
+def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
+    """The programme's set-points of depth and temperature, as far as it reports any; it has none at depth 0."""
+    told = progress or {}
+    if not told.get("depth_mm"):
+        return {}
+    return {name: float(told[name]) for name, error in QUANTITIES.items() if error and told.get(name) is not None}
+
+
+def holds(check: Check, phase: str) -> bool:
+    """Whether a limit holds in a phase; where the phase is not known it does, as in the judgement of the weld."""
+    return not check.phases or phase in (*check.phases, "")
+
+
+def flags(
+    columns: Mapping[str, FloatArray], phases: TextArray, book: RuleBook, limits: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, dict[str, str]]]:
+    """What is wrong with each quantity at each moment, the worst of it: level, kind and words; most have nothing.
+
+    Parameters
+    ----------
+    columns : mapping of str to array
+        As of :func:`variables`, and the commands.
+    phases : array of str
+        Of the programme; empty where it is not known.
+    book : RuleBook
+        By which the weld is judged.
+    limits : mapping
+        Interlocks in force and deviations of the drives, as of ``fsw_hmi.limits.limits``.
+    """
+    found: list[dict[str, dict[str, str]]] = [{} for _ in range(phases.size)]
+    for quantity in QUANTITIES:
+        for test in _tests(quantity, book, limits.get(quantity, {})):
+            values = columns.get(test.variable)
+            if test.kind == "deviation":
+                values = columns[quantity] - columns[f"command_{quantity}"]
+            if values is None:
+                continue
+            held = True if not test.phases else np.isin(phases.astype(str), [*test.phases, ""])
+            level, words = _WORDS[test.kind]
+            for side, outside in (("low", values < test.low), ("high", values > test.high)):
+                for row in np.flatnonzero(outside & held):
+                    found[row].setdefault(quantity, {"level": level, "kind": test.kind, "text": f"{words}, {side}"})
+    return found
+
+
+def flags_now(
+    values: Mapping[str, float],
+    progress: Mapping[str, Any] | None,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
+) -> dict[str, dict[str, str]]:
+    """As :func:`flags`, of one row."""
+    columns = {name: np.array([value]) for name, value in variables(values, progress).items()}
+    phase = str((progress or {}).get("phase", ""))
+    return flags(columns, np.array([phase], object), book, limits)[0]
+
+
+def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:
+    """All ranges of a quantity, the worst to leave first."""
+    checks = [one for one in book.checks() if one.variable in (quantity, QUANTITIES[quantity])]
+    if "trip" in own:
+        yield _Test("trip", quantity, *_ends(own["trip"]))
+    yield from (_of_check("essential", one) for one in checks if one.kind == "essential")
+    if "warn" in own:
+        yield _Test("warn", quantity, *_ends(own["warn"]))
+    for check in checks:
+        if check.kind == "quality":
+            yield _of_check("quality" if check.variable == quantity else "error", check)
+    if "deviation" in own:
+        yield _Test("deviation", quantity, -own["deviation"], own["deviation"])
+
+
+def _of_check(kind: Kind, check: Check) -> _Test:
+    return _Test(kind, check.variable, *_ends((check.min, check.max)), check.phases)
+
+
+def _ends(pair: tuple[float | None, float | None]) -> tuple[float, float]:
+    low, high = pair
+    return -np.inf if low is None else low, np.inf if high is None else high
