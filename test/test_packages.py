@@ -103,6 +103,7 @@ OPTIONAL = {
     "meshio",
     "threadpoolctl",
     "fpdf",
+    "pypdf",
     "securesystemslib",
     "pandas",
     "xarray",

@@ -9,7 +9,7 @@ from pathlib import Path
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.procedure import Procedure
 from fsw_quality.record import Record, make
-from fsw_quality.report import PAGE, PDF, json_sha256
+from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
 from fsw_schema.models import json_content_of, validate
@@ -65,18 +65,41 @@ def check_documents(
         The bag cannot be judged.
     """
     check = DocumentCheck()
-    records = {name: data for name, data in documents.items() if _RECORD in data}
-    hashes = {sha256(data) for data in records.values()}
+    records = records_of(documents)
+    for name, record in records.items():
+        wrong = list(record_findings(name, record, weld))
+        check.findings += wrong or _edited(name, record, weld, progress)
     for name, data in documents.items():
-        if name in records:
-            record = validate(Record, json_content_of(data.decode("utf-8", "replace"), name), name)
-            wrong = list(record_findings(name, record, weld))
-            check.findings += wrong or _edited(name, record, weld, progress)
-        elif (made_of := json_sha256(data)) is None and Path(name).name not in (PAGE, PDF):
+        if name not in records and json_sha256(data) is None and Path(name).name not in (PAGE, PDF):
             check.notes.append(finding(Code.DOCUMENT_FOREIGN, name))
-        elif made_of not in hashes:
-            check.findings.append(finding(Code.OTHER_RECORD, name))
+    check.findings += page_findings(documents, records)
     return check
+
+
+def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
+    """The records among documents; an InputError where one cannot be read."""
+    return {
+        name: validate(Record, json_content_of(data.decode("utf-8", "replace"), name), name)
+        for name, data in documents.items()
+        if _RECORD in data
+    }
+
+
+def page_findings(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> Iterator[Finding]:
+    """Whether each page and PDF is made of one of the records, and says of verdict and identity what that one says."""
+    by_hash = {sha256(documents[name]): record for name, record in records.items()}
+    for name, data in documents.items():
+        made_of = json_sha256(data)
+        if name in records or (made_of is None and Path(name).name not in (PAGE, PDF)):
+            continue
+        if made_of not in by_hash:
+            yield finding(Code.OTHER_RECORD, name)
+            continue
+        try:
+            if missing := stated_otherwise(data, by_hash[made_of]):
+                yield finding(Code.DOCUMENT_DIFFERS, name, fields=", ".join(missing))
+        except ValueError as error:
+            yield finding(Code.UNREADABLE, name, reason=error)
 
 
 def record_findings(name: str, record: Record, weld: Weld) -> Iterator[Finding]:

@@ -26,7 +26,7 @@ from fsw_quality.attestation import (
     software_versions,
     weld_times,
 )
-from fsw_quality.cross_check import Weld, check_documents
+from fsw_quality.cross_check import Weld, check_documents, page_findings, records_of
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import SUFFIXES, BagReader
 from fsw_recorder.errors import BagError
@@ -324,18 +324,27 @@ def _check_documents(result: Verification, documents: Sequence[Path]) -> None:
             given[key] = path
         else:
             result.findings.append(finding(Code.NOT_ATTESTED, path, number=attested.number))
+    contents: dict[str, bytes] = {}
     foreign = {note.file for note in attested.notes if note.code is Code.DOCUMENT_FOREIGN}
     for key, digest in attested.documents_sha256.items():
         path = given.get(key, bag / PurePosixPath(key))
         try:
-            same = sha256(mapped(path)) == digest
+            contents[key] = bytes(mapped(path))
         except OSError:
             (result.findings if key in given else result.not_checked).append(finding(Code.DOCUMENT_ABSENT, key))
             continue
-        if not same:
+        if sha256(contents[key]) != digest:
+            del contents[key]
             result.findings.append(finding(Code.DOCUMENT_CHANGED, path, number=attested.number))
         code = Code.DOCUMENT_FOREIGN if key in foreign else Code.NOT_JUDGED_AGAIN
         result.not_checked.append(finding(code, key))
+    try:
+        records = records_of(contents)
+    except InputError as error:
+        result.findings.append(finding(Code.UNREADABLE, ATTESTATION_NAME, reason=error))
+        return
+    if records:  # else the record is not here, which was said
+        result.findings += page_findings(contents, records)
 
 
 def _check_place(result: Verification, signed: Signed, chain: Chain | None) -> None:

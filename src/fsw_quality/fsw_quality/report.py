@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -29,6 +31,43 @@ def json_sha256(document: bytes) -> str | None:
     return found.group(1).decode() if found else None
 
 
+def statement(record: Record) -> tuple[str, str]:
+    """Heading and first sentence of page and PDF: what was decided of which weld, by what."""
+    canister, deciding = record.identity.get("canister"), record.deciding
+    heading = f"{canister}: {record.verdict.upper()}" if canister else record.verdict.upper()
+    judged = f"Weld {record.bag}, judged by procedure {record.procedure.id} revision {record.procedure.revision}."
+    return heading, f"{judged} Decided by: {deciding.name}, {deciding.words}: {deciding.figure}."
+
+
+def stated_otherwise(document: bytes, record: Record) -> list[str]:
+    """What a page or PDF does not say as its record has it: verdict, identity.
+
+    Raises
+    ------
+    ValueError
+        It is a PDF that cannot be read.
+    """
+    text = _plain(_text(document))
+    missing = [] if _plain("".join(statement(record))) in text else ["verdict"]
+    return missing + [key for key, value in record.identity.items() if _plain(f"{key}{value}") not in text]
+
+
+def _plain(text: str) -> str:
+    return "".join(text.split())
+
+
+def _text(document: bytes) -> str:
+    """What is written in a PDF or a page."""
+    if not document.startswith(b"%PDF"):
+        return unescape(re.sub(r"<[^>]*>", "", document.decode("utf-8", "replace")))
+    from pypdf import PdfReader  # of the extra
+
+    try:
+        return "".join(page.extract_text() for page in PdfReader(BytesIO(document)).pages)
+    except Exception as error:  # a damaged or hostile file can fail in any way
+        raise ValueError(f"its text cannot be read: {error or type(error).__name__}") from None
+
+
 def can_write_pdf() -> bool:
     """Whether the extra ``quality`` is installed."""
     return find_spec("fpdf") is not None
@@ -44,7 +83,9 @@ def write(record: Record, course: Course, procedure: Procedure, folder: Path) ->
     images = {"traces": source(figures.traces(course, procedure))}
     if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)
-    body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, images=images)
+    heading, sentence = statement(record)
+    parts = {"heading": heading, "sentence": sentence, "images": images}
+    body = page("fsw_quality", "body.html.j2", record=record, procedure=procedure, **parts)
     content = record.model_dump_json(indent=2, exclude_none=True).encode() + b"\n"
     made_of = f"{_MADE_OF}{sha256(content)}"
     body += f"<p>Made of record.json, {made_of}</p>"

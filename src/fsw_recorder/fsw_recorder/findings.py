@@ -52,6 +52,7 @@ class Code(StrEnum):
     RECORD_OTHER_PROCEDURE = "record_other_procedure", "was judged by procedure {stated}, the weld's is {actual}"
     RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
     OTHER_RECORD = "other_record", "was made of another record.json than the one that is attested with it"
+    DOCUMENT_DIFFERS = "document_differs", "does not say what its record.json says: {fields}"
     OTHER_PROCEDURE = "other_procedure", "the weld ran by procedure {actual}, not by {stated}"
     NO_PROCEDURE = "no_procedure", "cannot be judged: give the procedure of the weld, which the bag does not have"
     DOUBLED_NAME = "doubled_name", "two of the files to attest have this name, by which they are listed; rename one"
