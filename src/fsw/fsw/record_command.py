@@ -7,14 +7,14 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, command, file, option, switch
+from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.keys import TRUSTED, trusted_keys
+from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, check_procedure
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality import report
-from fsw_quality.procedure import load, shipped, signer_of
+from fsw_quality.procedure import load, shipped
 from fsw_quality.record import Record
 from fsw_recorder import after_recording
 
@@ -31,7 +31,7 @@ from fsw_recorder import after_recording
         "DIR",
     ),
     TRUSTED,
-    switch("--require-signed", "refuse a procedure that nobody signed"),
+    REQUIRE_SIGNED_PROCEDURE,
     FORCE,
     description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
     "quality, record.pdf; of several bags into a folder for each. The verdict is no exit code: a rejected weld "
@@ -39,7 +39,7 @@ from fsw_recorder import after_recording
 )
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # what is wrong in it is said before anything else
-    signer_of(arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed)
+    check_procedure(arguments)
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")

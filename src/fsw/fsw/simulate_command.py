@@ -13,6 +13,7 @@ from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
+from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, check_procedure
 from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
@@ -69,6 +70,8 @@ from fsw_schema.models import content_of, read_text
         help="with --bag: procedure that it is welded by, whose limits hold; the weld's record is written into the "
         f"bag; one of {', '.join(procedures())}",
     ),
+    TRUSTED,
+    REQUIRE_SIGNED_PROCEDURE,
     repeated(
         "--identity",
         "KEY=VALUE",
@@ -85,9 +88,12 @@ def simulate(arguments: argparse.Namespace) -> int:
     if arguments.scenario is None:
         raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")
     by_procedure: dict[str, dict[str, Any]] = {}
+    if arguments.require_signed and not arguments.procedure:
+        raise CommandError("simulate: --require-signed needs --procedure")
     if arguments.procedure:
         if not arguments.bag:
             raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
+        check_procedure(arguments)
         by_procedure = graph_parameters(
             arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
         )

@@ -80,9 +80,11 @@ def test_a_signed_revision_is_not_edited_unnoticed(
     assert run("procedure", "check", mine, "--trusted", "none.pub")[0] == 1
     assert run("procedure", "sign", mine)[0] == 1  # no key yet
     assert run("bag", "keygen", key)[0] == run("bag", "keygen", other)[0] == 0
-    for words in (("procedure", "check", mine), ("record", tmp_path, "--procedure", mine, "--out", tmp_path / "out")):
+    out = ("--procedure", mine, "--out", tmp_path / "out")
+    for words in (("procedure", "check", mine), ("record", tmp_path, *out), ("simulate", "quick", "--bag", *out)):
         code, said = run(*words, "--require-signed")
         assert code == 1 and "has no signature" in said
+    assert run("simulate", "quick", "--require-signed")[0] == 1, "of no procedure"
     assert run("procedure", "sign", mine, "--key", key)[0] == 0
     assert "signed by key SHA256:" in run("procedure", "check", mine)[1]
     assert run("procedure", "check", mine, "--trusted", f"{key}.pub", "--require-signed")[0] == 0

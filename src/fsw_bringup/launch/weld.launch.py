@@ -28,7 +28,9 @@ from launch_ros.actions import Node
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_quality.procedure import shipped as procedures
+from fsw_quality.procedure import signer_of
 from fsw_quality.procedure_limits import graph_parameters
+from fsw_recorder.signature import load_trusted
 from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -59,6 +61,8 @@ ARGUMENTS = {
         "page's bands follow from it, a weld that leaves it is told on /diagnostics, and the weld's record is written "
         "into the bag's folder; empty: none",
     ),
+    "require_signed": ("false", "Whether a procedure that nobody signed is refused"),
+    "trusted": ("", "Keys whose signatures of a procedure count: public key or list of them (YAML); empty: any"),
     "standby": (
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
@@ -81,7 +85,7 @@ TRUE, FALSE = ("true", "True"), ("false", "False")
 FLAG = [*TRUE, *FALSE]
 LEVELS = ["debug", "info", "warn", "error", "fatal"]
 CHOICES = {
-    **dict.fromkeys(("record", "monitor", "hmi", "realtime", "autostart"), FLAG),
+    **dict.fromkeys(("record", "monitor", "hmi", "realtime", "autostart", "require_signed"), FLAG),
     "standby": ["", *FLAG],
     "log_level": [*LEVELS, *map(str.upper, LEVELS)],
 }
@@ -139,7 +143,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if arguments["autostart"] in FALSE:
         for name in MANAGED:
             parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"]["autostart"] = False
-    _by_procedure(arguments["procedure"], parameters, clock)
+    _by_procedure(arguments, parameters, clock)
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = _beside_the_weld(node, arguments)
@@ -281,11 +285,16 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
     return parameters
 
 
-def _by_procedure(source: str, parameters: dict[str, Any], clock: dict[str, Any]) -> None:
+def _by_procedure(arguments: dict[str, str], parameters: dict[str, Any], clock: dict[str, Any]) -> None:
     """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
+    source, required = arguments["procedure"], arguments["require_signed"] in TRUE
     if not source:
+        if required:
+            raise RuntimeError("require_signed: needs a procedure")
         return
     try:
+        trusted = load_trusted([Path(arguments["trusted"])]) if arguments["trusted"] else None
+        signer_of(source, trusted, required)
         derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None
