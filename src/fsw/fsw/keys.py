@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fsw.command import file, repeated, switch
-from fsw_quality.procedure import signer_of
 from fsw_recorder.signature import SigningKey, TrustedKey, default_key, load_private, load_trusted
 
 PRIVATE_KEY = file("--key", "private key that signs (default: that of 'fsw.py bag keygen')")
@@ -24,11 +23,6 @@ REQUIRE_SIGNED_PROCEDURE = switch("--require-signed", "refuse a procedure that n
 def private_key(arguments: argparse.Namespace) -> SigningKey:
     """The key that signs."""
     return load_private(arguments.key or default_key())
-
-
-def check_procedure(arguments: argparse.Namespace) -> None:
-    """Whether a procedure is signed as is demanded; EvidenceError if it is not."""
-    signer_of(arguments.procedure, trusted_keys(arguments) or None, arguments.require_signed)
 
 
 def trusted_keys(arguments: argparse.Namespace, default: Sequence[Path] = ()) -> tuple[TrustedKey, ...]:

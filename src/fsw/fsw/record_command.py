@@ -9,12 +9,12 @@ import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
 from fsw.command import FORCE, command, file, option
 from fsw.errors import CommandError
-from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, check_procedure
+from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality import report
-from fsw_quality.procedure import load, shipped
+from fsw_quality.procedure import check_signed, load, shipped
 from fsw_quality.record import Record
 from fsw_recorder import after_recording
 
@@ -39,7 +39,7 @@ from fsw_recorder import after_recording
 )
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # what is wrong in it is said before anything else
-    check_procedure(arguments)
+    check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
     bags = dict(zip(labels(arguments.bag), arguments.bag, strict=True))
     if len({bag.resolve() for bag in arguments.bag}) < len(arguments.bag):
         raise CommandError("record: one of the bags is given twice")

@@ -13,7 +13,7 @@ from fsw.bags import print_notes
 from fsw.command import assignment, command, file, option, repeated, switch
 from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, check_procedure
+from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
@@ -27,6 +27,7 @@ from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
 from fsw_quality.attestation import IDENTITY
+from fsw_quality.procedure import check_signed
 from fsw_quality.procedure import shipped as procedures
 from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.closed_loop import ClosedLoop
@@ -93,7 +94,7 @@ def simulate(arguments: argparse.Namespace) -> int:
     if arguments.procedure:
         if not arguments.bag:
             raise CommandError("simulate: --procedure needs --bag: offline there is no supervisor, no record")
-        check_procedure(arguments)
+        check_signed(arguments.procedure, arguments.trusted, arguments.require_signed)
         by_procedure = graph_parameters(
             arguments.procedure, defaults(load_parameters("fsw_supervisor", "supervisor.yaml"))
         )

@@ -27,10 +27,9 @@ from launch_ros.actions import Node
 
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
+from fsw_quality.procedure import check_signed
 from fsw_quality.procedure import shipped as procedures
-from fsw_quality.procedure import signer_of
 from fsw_quality.procedure_limits import graph_parameters
-from fsw_recorder.signature import load_trusted
 from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
@@ -293,8 +292,7 @@ def _by_procedure(arguments: dict[str, str], parameters: dict[str, Any], clock: 
             raise RuntimeError("require_signed: needs a procedure")
         return
     try:
-        trusted = load_trusted([Path(arguments["trusted"])]) if arguments["trusted"] else None
-        signer_of(source, trusted, required)
+        check_signed(source, [Path(arguments["trusted"])] if arguments["trusted"] else [], required)
         derived = graph_parameters(source, defaults(load_parameters("fsw_supervisor", "supervisor.yaml")))
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None

@@ -50,7 +50,10 @@ def schema(campaign: Campaign) -> pa.Schema:
         (path, types[type(one.extremes[0])]) for path, one in campaign.distributions.items() if path != "plant.seed"
     ]
     columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
-    columns += [("verdict", _TEXT), ("rule", _TEXT)]  # of the judgement by the default rule book
+    columns += [
+        ("verdict", _TEXT),
+        ("rule", _TEXT),
+    ]  # by the campaign's procedure or the default rules
     for signal in campaign.limits:
         names = (f"lowest_{signal}", f"highest_{signal}", f"outside_{signal}_s")
         columns += [(name, pa.float64()) for name in names]

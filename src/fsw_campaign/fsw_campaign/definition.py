@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
+from fsw_analysis.procedure import Procedure
+from fsw_analysis.rule_book import RuleBook, default
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
 from fsw_control.contract import Controller
@@ -101,12 +103,16 @@ def _or_name(schema: dict[str, Any]) -> None:
     schema["items"] = {"anyOf": [{"type": "string"}, schema["items"]]}
 
 
+#: a name or path, or the thing itself
+_NAMED = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
+
+
 class Campaign(Model):
     """A scenario, controllers, and distributions of the scenario's parameters."""
 
     name: Name
     description: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = ""
-    scenario: Annotated[dict[str, Any], WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})]
+    scenario: Annotated[dict[str, Any], _NAMED]
     """name or path of a scenario, or a scenario itself"""
     entrants: Annotated[Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)]
     welds: Annotated[Whole, Range(1, 10_000_000, "welds")]
@@ -117,9 +123,12 @@ class Campaign(Model):
     """by path in the scenario file, e.g. ``plant.model.copper_lag_s``"""
     limits: dict[Annotated[str, AfterValidator(_signal)], Limit] = {}
     """of a good weld"""
+    procedure: Annotated[dict[str, Any] | None, _NAMED] = None
+    """by which the welds are judged: path of a procedure, or a procedure itself; left out: by the default rules"""
 
     @model_validator(mode="after")
     def _check(self) -> Campaign:
+        assert self.book
         if len({one.label for one in self.entrants}) < len(self.entrants):
             raise ValueError("needs a different label for each controller")
         for path in self.distributions:
@@ -137,6 +146,11 @@ class Campaign(Model):
         """Digest of all that decides the results, users' controllers included, but for our software."""
         own = (source_of(one.controller) for one in self.entrants)
         return hashlib.sha256(b"".join([self.text.encode(), *own])).hexdigest()[:16]
+
+    @cached_property
+    def book(self) -> RuleBook:
+        """By what the welds are judged; InputError if the procedure is not a valid one."""
+        return default() if self.procedure is None else validate(Procedure, self.procedure, "procedure")
 
     @cached_property
     def shares(self) -> NDArray[np.float64]:
@@ -171,7 +185,7 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
     ----------
     source : str or Path
         Path of a YAML file, or the name of a shipped campaign. The scenario in it is a name, a path relative to the
-        file, or a scenario itself.
+        file, or a scenario itself, and so is the procedure, which has no name.
     welds : int, optional
         Instead of the file's.
 
@@ -188,6 +202,8 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
             beside = Path(source).parent / name
             text = scenario_file.text_of(beside if beside.is_file() else name)
             content["scenario"] = scenario_file.content_of(text, name)
+        if isinstance(name := content.get("procedure"), str):
+            content["procedure"] = content_of(read_text(Path(source).parent / name, "procedure"), name)
     return read(content, str(source))
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from fsw_analysis.judgement import judge
 from fsw_analysis.kpi import compute
-from fsw_analysis.rule_book import default
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_campaign import definition
 from fsw_campaign.definition import ERRORS, Campaign, Entrant
@@ -21,6 +20,7 @@ from fsw_campaign.software import versions
 from fsw_control.contract import Controller
 from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.programme_signals import with_programme
 
 Row = dict[str, Any]
 #: possible outcomes of a weld
@@ -74,7 +74,7 @@ def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entr
         inside = [_outside(signals, name, limit, row) <= limit.at_most_s for name, limit in campaign.limits.items()]
         row["status"] = DIVERGED if loop.plant.stopped else OK
         row["reason"] = loop.plant.stopped
-        decided = judge(signals, default()).deciding
+        decided = judge(with_programme(signals, scenario), campaign.book, recorded=False).deciding
         row["verdict"], row["rule"] = str(decided.verdict), decided.name
         row["inside"] = all(inside) and not loop.plant.stopped
     except Exception as error:  # one weld of thousands may fail in any way, the others go on

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 pa = pytest.importorskip("pyarrow")
 
@@ -20,6 +21,7 @@ from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
 from fsw_schema.models import InputError, validate  # noqa: E402
+from fsw_test_support.judged_weld import short_procedure  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
 
@@ -97,6 +99,43 @@ def test_limits_are_judged_on_the_true_outputs(small):
         assert row["inside"] == (row["outside_depth_error_mm_s"] <= 1.0)
         assert row["highest_depth_error_mm"] - row["lowest_depth_error_mm"] > 0.09
     assert len({row["inside"] for row in rows}) == 2
+
+
+PHASES = [
+    {"name": "dwell", "duration_s": 1.0, "source": "test"},
+    {"name": "joint_line", "to_deg": 1.0, "source": "test"},
+]
+WELD = {
+    "name": "short_weld",
+    "controller": "decentral",
+    "plant": {"seed": 3},
+    "phases": [{"name": "dwell", "duration_s": 1.0}, {"name": "joint_line", "to_deg": 1.0, "speed_mm_per_min": 120.0}],
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict", "rule"),
+    [
+        ({}, "accept", "all"),
+        ({"phases": [*PHASES, {"name": "overlap", "to_deg": 2.0, "source": "test"}]}, "reject", "complete"),
+        ({"controllers": [{"name": "nmpc"}]}, "review", "controller"),
+        ({"quality": [{"variable": "depth_mm", "max": 2.5, "source": "test"}]}, "review", "quality"),
+    ],
+)
+def test_welds_are_judged_by_the_procedure(tmp_path, changes, verdict, rule):
+    procedure = short_procedure(**changes).model_dump(mode="json", exclude_none=True)
+    (tmp_path / "lid.yaml").write_text(yaml.safe_dump(procedure))
+    made = campaign(
+        tmp_path, scenario=WELD, distributions={}, limits={}, procedure="lid.yaml", controllers=["decentral"]
+    )
+    assert definition.read(json.loads(made.text)).book == made.book and made.book.id == "copper_lid"
+    row = run_weld(made, 0, {"plant.seed": 1}, made.entrants[0])
+    assert (row["status"], row["reason"], row["verdict"], row["rule"]) == ("ok", "", verdict, rule)
+
+
+def test_a_procedure_that_is_none_is_refused(tmp_path):
+    with pytest.raises(InputError, match="procedure"):
+        campaign(tmp_path, procedure={"id": "lid"})
 
 
 def test_what_cannot_be_welded_is_a_row(tmp_path):

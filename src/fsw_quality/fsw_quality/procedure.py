@@ -8,10 +8,10 @@ from typing import Any
 
 from fsw_analysis.procedure import Identity, Procedure, digest
 from fsw_recorder.findings import Code, EvidenceError, finding
-from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
+from fsw_recorder.signature import Purpose, Signer, TrustedKey, load_trusted, signature_path, verify_file
 from fsw_schema.models import content_of, read_text, shipped_names, validate
 
-__all__ = ["Identity", "Procedure", "differences", "digest", "load", "path_of", "shipped", "signer_of"]
+__all__ = ["Identity", "Procedure", "check_signed", "differences", "digest", "load", "path_of", "shipped", "signer_of"]
 _SHIPPED = Path(__file__).parent / "procedures"
 
 
@@ -52,6 +52,17 @@ def signer_of(source: str | Path, trusted: Sequence[TrustedKey] | None, required
     if required:
         raise EvidenceError(finding(Code.NOT_SIGNED, path))
     return None
+
+
+def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) -> None:
+    """Whether a procedure is signed as is demanded; ``trusted`` are files with keys, without any all keys will do.
+
+    Raises
+    ------
+    EvidenceError
+        As :func:`signer_of`.
+    """
+    signer_of(source, load_trusted(trusted) if trusted else None, required)
 
 
 def differences(old: Procedure, new: Procedure) -> list[tuple[str, str, str]]:
