@@ -353,8 +353,8 @@ def _held(course: Course, book: RuleBook) -> Rule:
 def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     swaps = [one.cause for one in events if one.kind == "swap" and not one.cause.at_start]
     unwanted = [one for one in swaps if not one.on_request]
-    words = "swaps on request only" if book.acceptance.swaps_allowed else "no swap"
-    broken = bool(unwanted if book.acceptance.swaps_allowed else swaps) or not evidence.has_states
+    words = book.acceptance.swap_words
+    broken = not all(map(book.acceptance.permits_swap, swaps)) or not evidence.has_states
     figure = f"{len(swaps)} swaps, {len(unwanted)} not on request" if evidence.has_states else "not on record"
     return _rule("swaps", words, figure, broken)
 

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from fsw_control.cause import Cause
 from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_schema.models import Many, Model, Name, content_of, problem, read_text, validate
 from fsw_schema.ranges import Range
@@ -125,6 +126,15 @@ class Acceptance(Sourced):
     """programme held for longer, all times together: review; the tool then heats one place (chosen)"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
+
+    def permits_swap(self, cause: Cause) -> bool:
+        """Whether a swap leaves the weld acceptable, by what led to it."""
+        return cause.at_start or (self.swaps_allowed and cause.on_request)
+
+    @property
+    def swap_words(self) -> str:
+        """Which swaps are permitted."""
+        return "swaps on request only" if self.swaps_allowed else "no swap"
 
 
 class RuleBook(Model):

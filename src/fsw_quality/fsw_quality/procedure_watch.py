@@ -50,11 +50,10 @@ class ProcedureWatch:
             return
         if not self._first:
             self._first = controller
-        wanted = cause.on_request or cause.at_start
-        if controller != self._first and not (self._procedure.acceptance.swaps_allowed and wanted):
-            allowed = "swaps on request only" if self._procedure.acceptance.swaps_allowed else "no swap"
+        acceptance = self._procedure.acceptance
+        if controller != self._first and not acceptance.permits_swap(cause):
             # stays: a swap back does not undo it
-            self._found.setdefault("swap", f"swap to {controller} ({cause.words}); permitted: {allowed}")
+            self._found.setdefault("swap", f"swap to {controller} ({cause.words}); permitted: {acceptance.swap_words}")
 
     def tuning(self, controller: str, parameters: Mapping[str, Any]) -> None:
         """Parameters of a controller's node as they are now."""

@@ -15,7 +15,7 @@ from functools import cache
 from itertools import islice, pairwise
 from pathlib import Path
 from textwrap import dedent
-from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -157,7 +157,7 @@ def validate(model: type[M], content: Any, where: str) -> M:
         problems = list(dict.fromkeys(_problem(one, content, models) for one in first))
         if len(problems) > _MOST_PROBLEMS:
             more = len(problems) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
-            problems[_MOST_PROBLEMS:] = [f"and {more} more"]
+            problems[_MOST_PROBLEMS:] = [_Problem(f"and {more} more")]
         raise InputError(f"{where}: {'; '.join(_known_once(problems))}") from None
 
 
@@ -248,17 +248,26 @@ class _GenerateJsonSchema(GenerateJsonSchema):
         return False
 
 
-def _known_once(problems: Iterable[str]) -> Iterator[str]:
-    """The problems, each list of known keys only where it occurs first."""
+class _Problem(NamedTuple):
+    """What is wrong; of an unknown key also those that are known, and the nearest of them."""
+
+    text: str
+    known: str = ""
+    near: str = ""
+
+
+def _known_once(problems: Iterable[_Problem]) -> Iterator[str]:
+    """The problems in words, each list of known keys only where it occurs first."""
     told: set[str] = set()
-    for problem in problems:
-        text, _, known = problem.partition("known: ")
-        yield text.rstrip("; ") if known and known in told else problem
+    for text, known, near in problems:
+        hint = f"; did you mean {near}?" if near else ""
+        listed = f"{' ' if hint else '; '}known: {known}" if known and known not in told else ""
+        yield text + hint + listed
         told.add(known)
 
 
-def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> str:
-    """One problem in words, with its place."""
+def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Problem:
+    """One problem with its place."""
     path, inside, parent = "", content, content
     for step in error["loc"][: -1 if error["type"] == "missing" else None]:
         parent = inside
@@ -267,18 +276,26 @@ def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]
         elif isinstance(inside, list) and isinstance(step, int):
             path, inside = f"{path}[{step}]", inside[step]
         # any other step is the tag of a union
-    return " ".join(f"{path} {_text(error, models.get(id(parent)))}".split())
+    text = " ".join(f"{path} {_text(error)}".split())
+    model = models.get(id(parent))
+    if error["type"] not in _UNKNOWN_KEY or model is None:
+        return _Problem(text)
+    known = [field.alias or name for name, field in model.model_fields.items()]
+    near = get_close_matches(str(error["loc"][-1]), known, 1)
+    return _Problem(text, ", ".join(known), near[0] if near else "")
 
 
-def _text(error: ErrorDetails, model: type[Model] | None) -> str:
+#: kinds of errors of a key that a model does not have
+_UNKNOWN_KEY = ("extra_forbidden", "invalid_key")
+
+
+def _text(error: ErrorDetails) -> str:
     kind, ctx, key = error["type"], error.get("ctx", {}), error["loc"][-1] if error["loc"] else ""
     shown = f"{error['input']!r:.60}"
     if kind == "missing":
         return f"lacks {key}"
-    if kind in ("extra_forbidden", "invalid_key"):
-        known = [field.alias or name for name, field in model.model_fields.items()] if model else []
-        near = get_close_matches(str(key), known, 1)
-        return f"is an unknown key; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}"
+    if kind in _UNKNOWN_KEY:
+        return "is an unknown key"
     if kind == "union_tag_not_found":
         return f"lacks {_plain(ctx['discriminator'])}"
     if kind == "union_tag_invalid":
