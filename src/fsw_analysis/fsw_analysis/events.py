@@ -44,6 +44,8 @@ ALARM: dict[str, Kind] = {
     "who": "text",
     "reason": "text",
 }
+#: what the monitor found: kinds, and what each says to people
+HEALTH: dict[str, Kind] = {"kinds": "texts", "causes": "texts"}
 #: what became of the alarm, in older bags by its name, and for how long it was shelved
 ALARM_CHANGE: dict[str, Kind] = {"kind": "number", "event": "text", "shelved_for": "number"}
 #: changes of the alarm journal that are shown; the others follow from them
@@ -123,6 +125,17 @@ def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
         if change in _SHOWN:
             why = f"{shelved_for_s / 60.0:.3g} min: {reason}" if shelved_for_s > 0.0 else reason
             yield WeldEvent(time_s, "alarm", text, change.word, who=who, detail=why, data={"priority": priority})
+
+
+def of_health(times_s: FloatArray, health: Table) -> Iterator[WeldEvent]:
+    """What the monitor found and no longer found, each once, by its kind."""
+    present: dict[str, str] = {}
+    for time_s, (kinds, causes) in _in_order(times_s, health, *HEALTH):
+        now = dict(zip(kinds, causes, strict=False))
+        for kind in [*(now.keys() - present.keys()), *(present.keys() - now.keys())]:
+            words = now.get(kind, present.get(kind, ""))
+            yield WeldEvent(time_s, "finding", kind, is_over=kind in present, detail=words)
+        present = now
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

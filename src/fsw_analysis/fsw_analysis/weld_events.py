@@ -21,6 +21,8 @@ _WORDS = {
     "alarm shelved": "{priority} alarm {state} by {who}, {detail}: {subject}",
     "procedure": "{subject} revision {revision}, SHA-256 {sha256}",
     "deviation": "{detail}",
+    "finding": "monitor, {subject}: {detail}",
+    "finding over": "monitor, {subject} is over",
     "fault": "emulated fault {subject}",
     "fault over": "emulated faults are over",
 }
@@ -32,10 +34,10 @@ class WeldEvent:
 
     time_s: float  #: on the clock of `WeldSignals.time_s`
     #: ``phase``, ``weld``, ``swap``, ``mode``, ``takeover``, ``interlock``, ``operator``, ``alarm``, ``procedure``,
-    #: ``deviation`` or ``fault``
+    #: ``deviation``, ``finding`` or ``fault``
     kind: str
     #: the phase, what the weld became, the controller, the mode, the interlock, what was asked for, what the alarm
-    #: says, the procedure, or the faults
+    #: says, the procedure, what the monitor found, or the faults
     subject: str = ""
     #: of an interlock ``warn`` or ``trip``, of a request its outcome, of an alarm what became of it
     state: str = ""

@@ -40,6 +40,7 @@ _SAYS = {
     "/fsw/supervisor/state": "swaps, modes and interlocks",
     "/fsw/weld_progress": "phases, angles and positions along the weld",
     "/fsw/drives": "force and speed as the drives measure them",
+    "/fsw/monitor/health": "what a watch over the weld would have found: no monitor ran, or it was not recorded",
     "/fsw/alarms": "whether there were alarms: the operator's page reports them, and no report was recorded",
 }
 
@@ -111,7 +112,7 @@ class TimeOfControl(Model):
 
 
 class Event(Model):
-    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault or deviation."""
+    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault, deviation or finding."""
 
     time_s: Rounded
     kind: str
