@@ -45,7 +45,7 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
-from fsw_hmi.watch_ros import NO_STATE, Watch
+from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
@@ -59,8 +59,8 @@ _TICK_PERIOD_S = 0.04
 _ASK_AGAIN_S = 5.0
 #: in simulated time silence lasts so much longer
 _SIMULATED_SILENCE = 10.0
-#: parts in the frame ``state``, the bad ones first, and actions that survive a restart
-_SHOWN_PARTS, _KEPT_ACTIONS = 200, 50
+#: actions that survive a restart
+_KEPT_ACTIONS = 50
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -194,22 +194,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._show("prediction", content, content["controller"])
 
     def _show_state(self) -> None:
-        watch = self._watch
-        known = time.monotonic() - watch.state_s <= NO_REPORT_S
-        parts = [
-            {"name": f"{node}: {what}" if what else node, "level": one.level, "text": one.text}
-            for node, parts in watch.parts().items()
-            for what, one in parts.items()
-        ]
-        parts.sort(key=lambda one: one["level"] == "ok")
-        self._show("state", {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]})
+        self._show("state", self._watch.state_frame() | {"parts": self._watch.parts_frame()})
 
     def _show_headline(self) -> None:
-        watch, now_s = self._watch, time.monotonic()
-        tick_s = watch.view.tick_s
-        state = {"known": now_s - watch.state_s <= NO_REPORT_S, **(watch.state or NO_STATE)}
-        age_s = None if tick_s is None else now_s - tick_s
-        found = headline(Now(age_s, self._desk.frame()["alarms"], self._flags, state, self._account))
+        watch, tick_s = self._watch, self._watch.view.tick_s
+        age_s = None if tick_s is None else time.monotonic() - tick_s
+        found = headline(Now(age_s, self._desk.frame()["alarms"], self._flags, watch.state_frame(), self._account))
         if found != self._headline:
             self._headline = found
             self._show("headline", found)

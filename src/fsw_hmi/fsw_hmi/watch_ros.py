@@ -32,6 +32,8 @@ _SILENT_S = 1.0
 _FORGET_S = 600.0
 #: parts of this software's own nodes, and of all others, at most
 _MOST_PARTS = 400
+#: of them, in the frame ``state``
+_SHOWN_PARTS = 200
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
 _WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason")
@@ -180,6 +182,19 @@ class Watch:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
         return sum(len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own) >= _MOST_PARTS
+
+    def state_frame(self) -> dict[str, Any]:
+        """Content of the frame ``state`` but for the parts; not ``known`` is a state of a supervisor that is silent."""
+        return {"known": time.monotonic() - self.state_s <= NO_REPORT_S, **(self.state or NO_STATE)}
+
+    def parts_frame(self) -> list[dict[str, str]]:
+        """The parts as the page gets them, the bad ones first."""
+        parts = [
+            {"name": f"{node}: {what}" if what else node, "level": one.level, "text": one.text}
+            for node, parts in self.parts().items()
+            for what, one in parts.items()
+        ]
+        return sorted(parts, key=lambda one: one["level"] == "ok")[:_SHOWN_PARTS]
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""
