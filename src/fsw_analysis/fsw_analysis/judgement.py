@@ -22,6 +22,7 @@ from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
+from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S as TICK
@@ -352,10 +353,13 @@ def _held(course: Course, book: RuleBook) -> Rule:
 
 def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> Rule:
     swaps = [one.cause for one in events if one.kind == "swap" and not one.cause.at_start]
-    unwanted = [one for one in swaps if not one.on_request]
+    unknown = swaps.count(Cause.UNKNOWN)
+    unwanted = [cause for cause in swaps if not cause.on_request and cause is not Cause.UNKNOWN]
     words = book.acceptance.swap_words
     broken = not all(map(book.acceptance.permits_swap, swaps)) or not evidence.has_states
-    figure = f"{len(swaps)} swaps, {len(unwanted)} not on request" if evidence.has_states else "not on record"
+    figure = f"{len(swaps)} swaps, {len(unwanted)} not on request"
+    figure += f", {unknown} of a cause that is not on record" if unknown else ""
+    figure = figure if evidence.has_states else "not on record"
     return _rule("swaps", words, figure, broken)
 
 

@@ -119,6 +119,15 @@ def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.Da
     assert ORDER.index(record.verdict) >= ORDER.index(whole)
 
 
+def test_a_swap_of_an_older_bag_has_a_cause_that_is_not_known() -> None:
+    """Not one that was not asked for: the rule is broken all the same."""
+    weld = good_weld()
+    weld.events.insert(1, WeldEvent(3.0, "swap", "nmpc", cause=Cause.UNKNOWN))
+    [rule] = [one for one in judged(weld).rules if one.name == "swaps"]
+    assert rule.verdict is Verdict.REVIEW
+    assert rule.figure == "1 swaps, 0 not on request, 1 of a cause that is not on record"
+
+
 @pytest.mark.parametrize("lost", [20, 22, 23])
 def test_a_sample_lost_beside_an_exceedance_does_not_shorten_it(lost: int) -> None:
     weld = good_weld()
