@@ -44,8 +44,9 @@ ALARM: dict[str, Kind] = {
     "who": "text",
     "reason": "text",
 }
-#: what the monitor found: kinds, and what each says to people
-HEALTH: dict[str, Kind] = {"kinds": "texts", "causes": "texts"}
+#: what the monitor found, by kind; and words, which some versions of the message have
+HEALTH: dict[str, Kind] = {"kinds": "texts"}
+HEALTH_WORDS: dict[str, Kind] = {"causes": "texts"}
 #: what became of the alarm, in older bags by its name, and for how long it was shelved
 ALARM_CHANGE: dict[str, Kind] = {"kind": "number", "event": "text", "shelved_for": "number"}
 #: changes of the alarm journal that are shown; the others follow from them
@@ -130,10 +131,10 @@ def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
 def of_health(times_s: FloatArray, health: Table) -> Iterator[WeldEvent]:
     """What the monitor found and no longer found, each once, by its kind."""
     present: dict[str, str] = {}
-    for time_s, (kinds, causes) in _in_order(times_s, health, *HEALTH):
-        now = dict(zip(kinds, causes, strict=False))
+    for time_s, (kinds, causes) in _in_order(times_s, health, *HEALTH, *HEALTH_WORDS):
+        now = dict.fromkeys(kinds, "") | dict(zip(kinds, causes, strict=False))
         for kind in [*(now.keys() - present.keys()), *(present.keys() - now.keys())]:
-            words = now.get(kind, present.get(kind, ""))
+            words = now.get(kind, present.get(kind, "")) or kind.replace("_", " ")
             yield WeldEvent(time_s, "finding", kind, is_over=kind in present, detail=words)
         present = now
 

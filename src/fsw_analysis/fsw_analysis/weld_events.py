@@ -21,8 +21,8 @@ _WORDS = {
     "alarm shelved": "{priority} alarm {state} by {who}, {detail}: {subject}",
     "procedure": "{subject} revision {revision}, SHA-256 {sha256}",
     "deviation": "{detail}",
-    "finding": "monitor, {subject}: {detail}",
-    "finding over": "monitor, {subject} is over",
+    "finding": "monitor: {detail}",
+    "finding over": "monitor: no longer: {detail}",
     "fault": "emulated fault {subject}",
     "fault over": "emulated faults are over",
 }

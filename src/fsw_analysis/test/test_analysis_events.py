@@ -126,23 +126,28 @@ def test_alarms_that_came_and_were_shelved(is_old: bool) -> None:
 
 def test_what_the_monitor_found_is_told_once_and_when_it_is_over() -> None:
     times, health = table(
-        list(events.HEALTH),
+        [*events.HEALTH, *events.HEALTH_WORDS],
         (1.0, [], []),
         (2.0, ["thermocouple"], ["it drifts"]),
         (3.0, ["thermocouple"], ["it drifts, 98 %"]),
-        (4.0, ["wear"], ["the tool wears"]),
+        (4.0, ["tool_wear"], []),
     )
     found = list(events.of_health(times, health))
     assert {(one.time_s, one.subject, one.is_over) for one in found} == {
         (2.0, "thermocouple", False),
-        (4.0, "wear", False),
+        (4.0, "tool_wear", False),
         (4.0, "thermocouple", True),
     }
-    assert found[0].text == "monitor, thermocouple: it drifts"
+    assert [one.text for one in found[:2]] == ["monitor: it drifts", "monitor: tool wear"]
 
 
 def test_nothing_happens_where_nothing_was_recorded() -> None:
     journal = (events.ALARM | events.ALARM_CHANGE, events.of_alarms)
     state = (events.STATE | events.STATE_ADDED, events.of_state)
-    for names, of in ((events.PROGRESS, events.of_progress), state, journal, (events.HEALTH, events.of_health)):
+    for names, of in (
+        (events.PROGRESS, events.of_progress),
+        state,
+        journal,
+        (events.HEALTH | events.HEALTH_WORDS, events.of_health),
+    ):
         assert told(of(*table(list(names)))) == []
