@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
-from math import nan, radians
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
 from fsw_control.cause import Cause
+from fsw_control.reason import ReasonCode
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_recorder.recording import versions_text
+from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progress
 
 TOPICS = {
     "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
@@ -50,17 +51,6 @@ Rows = Sequence[Mapping[str, Any]]
 @cache
 def _versions() -> bytes:
     return versions_text()
-
-
-def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
-    """How far the programme had come at each tick, as its node would have told."""
-    machine, shown, found = PhaseMachine(scenario.phases), [nan] * READING_AGE_TICKS, []
-    readings = [*shown, *signals.temperature_c.tolist()]
-    readings[: len(shown)] = [readings[len(shown)]] * len(shown)
-    for tick in range(1, signals.n_ticks + 1):
-        machine.follow(tick, readings[tick - 1])
-        found.append(machine.progress())
-    return found
 
 
 def write(
@@ -116,8 +106,11 @@ def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Row
         spindle_speed=RAD_PER_S_PER_RPM * signals.speed_rpm,
         source=signals.command_source,
         healthy=np.full(signals.n_ticks, True),
-        reason=signals.command_reason,
     )
+    why = [
+        {"code": ReasonCode.STATE if words else ReasonCode.NONE, "detail": words} for words in signals.command_reason
+    ]
+    commands = [{**row, "why": reason} for row, reason in zip(commands, why, strict=True)]
     yield "/fsw/command", commands, [True] * signals.n_ticks
     states = _rows(
         actual_controller=signals.actual_controller,

@@ -19,6 +19,7 @@ from fsw_quality.procedure import Procedure
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import described_in, make_all, variant_of
+from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_programme import spans
@@ -100,7 +101,7 @@ def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Action
     signals = ClosedLoop(scenario, make_all(scenario, CONTROLLER, {})).run()
     if SPECIAL.get(number) != "operator":
         return scenario, signals, {}
-    told = bag.progress(scenario, signals)
+    told = progress(scenario, signals)
     begin = next(tick for tick, one in enumerate(told) if one.phase == "joint_line")
     begin_s, lasts_s = begin_and_length(end_deg)
     first, last = (begin + round(at_s / TICK_S) for at_s in (begin_s, begin_s + lasts_s + 20.0))

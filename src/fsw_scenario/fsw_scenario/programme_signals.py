@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -10,26 +9,32 @@ import numpy as np
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progress, State
+
+
+def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
+    """How far the programme had come at each tick; the thermocouple's reading reaches the player some ticks late."""
+    machine, found = PhaseMachine(scenario.phases), []
+    shown = signals.temperature_c.tolist()
+    readings = [*shown[:1] * READING_AGE_TICKS, *shown]
+    for tick in range(1, signals.n_ticks + 1):
+        machine.follow(tick, readings[tick - 1])
+        found.append(machine.progress())
+    return found
 
 
 def with_programme(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     """The signals with phases, positions and the end of the weld, as a bag has them; as they are without phases."""
     if not scenario.phases or not signals.n_ticks:
         return signals
-    machine = PhaseMachine(scenario.phases)
-    shown: deque[float] = deque(maxlen=READING_AGE_TICKS + 1)
-    phases: list[tuple[str, float]] = []
-    places = np.empty((signals.n_ticks, 2))
-    for row, (time_s, shown_c) in enumerate(zip(signals.time_s.tolist(), signals.temperature_c.tolist(), strict=True)):
-        now = machine.progress()
-        if not phases or phases[-1][0] != now.phase:
-            phases.append((now.phase, time_s))
-        places[row] = now.angle_deg, now.length_mm
-        shown.append(shown_c)
-        machine.follow(row + 1, shown[0])
+    reports = list(zip(signals.time_s.tolist(), progress(scenario, signals), strict=True))
+    phases = [(reports[0][1].phase, reports[0][0])]
+    for time_s, report in reports:
+        if report.phase != phases[-1][0]:
+            phases.append((report.phase, time_s))
     events = [*signals.events, *(WeldEvent(time_s, "phase", name) for name, time_s in phases)]
-    if machine.state is State.DONE:
-        events.append(WeldEvent(float(signals.time_s[-1]), "weld", str(machine.state)))
+    done = [time_s for time_s, report in reports if report.state is State.DONE]
+    events += [WeldEvent(time_s, "weld", str(State.DONE)) for time_s in done[:1]]
     events.sort(key=lambda event: event.time_s)
+    places = np.array([(report.angle_deg, report.length_mm) for _, report in reports])
     return replace(signals, phases=phases, angle_deg=places[:, 0], travel_mm=places[:, 1], events=events)
