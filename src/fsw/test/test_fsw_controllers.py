@@ -32,10 +32,16 @@ def test_every_command_takes_it(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("step", ["raise RuntimeError('boom')", "return 3", "return Proposal(applied, healthy='?')"])
-def test_one_that_fails_is_told_as_not_healthy(tmp_path, capsys, step):
+def test_one_that_never_works_has_no_figures(tmp_path, capsys, step):
     label = own(tmp_path, step)
+    assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 1
+    assert "own proposed nothing usable at any of 600 ticks: controller raised" in capsys.readouterr().err
+
+
+def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
+    label = own(tmp_path, "return 3 if 10.0 < measurement.time_s < 11.0 else Proposal(applied)")
     assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 0
-    assert "own is unhealthy in 600 of 600 ticks, first at 0.1 s: controller raised" in capsys.readouterr().err
+    assert "own is unhealthy in 9 of 600 ticks, first at 10.1 s: controller raised" in capsys.readouterr().err
 
 
 def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
