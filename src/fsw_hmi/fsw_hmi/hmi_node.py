@@ -50,6 +50,7 @@ from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
+from fsw_recorder.signature import Purpose, signature_path, verify_file
 from fsw_schema.models import content_of, read_text, validate
 
 _LOOK_S, _REPORT_S = 0.05, 1.0
@@ -86,7 +87,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
-        self._book = _book(values["procedure"])
+        self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
         self._weld = LiveWeld(self._book)
         self._flags: dict[str, dict[str, str]] = {}
@@ -312,9 +313,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._actions.publish(OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done))
 
 
-def _book(file: str) -> RuleBook:
+def book_of(file: str) -> RuleBook:
+    """By what the weld is judged; InputError if the procedure cannot be used, or was changed after it was signed."""
     if not file:
         return default()
+    if signature_path(Path(file)).exists():
+        verify_file(Path(file), Purpose.PROCEDURE, None)
     return validate(Procedure, content_of(read_text(file, "procedure"), file), file)
 
 

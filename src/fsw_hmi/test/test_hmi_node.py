@@ -2,12 +2,14 @@
 
 import threading
 from contextlib import suppress
+from datetime import UTC, datetime
 from functools import partial
 from itertools import count
 from math import radians
 
 import pytest
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
@@ -17,12 +19,13 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
+from fsw_analysis.rule_book import default
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command, Diagnosis, Proposal, Reference
 from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import alarm_rules, alarms, hmi_node, main, watch_ros
-from fsw_hmi.hmi_node import HmiNode
+from fsw_hmi.hmi_node import HmiNode, book_of
 from fsw_msgs.msg import (
     AlarmEvent,
     ControllerHealth,
@@ -37,6 +40,9 @@ from fsw_msgs.msg import (
     WeldReference,
 )
 from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
+from fsw_recorder.findings import Code, EvidenceError
+from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
+from fsw_test_support.judged_weld import short_procedure
 from fsw_test_support.page_client import Page
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
@@ -503,3 +509,18 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
         code = ended.code
     assert code == 2
     assert text in capfd.readouterr().err.strip().splitlines()[-1]
+
+
+def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(tmp_path):
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    file, key = tmp_path / "lid.yaml", tmp_path / "key"
+    file.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
+    assert book_of("") is default() and book_of(str(file)).id == "copper_lid"
+    make_key(key)
+    signed = sign(file.read_bytes(), file.name, Purpose.PROCEDURE, load_private(key), datetime.now(UTC))
+    signature_path(file).write_text(signed)
+    assert book_of(str(file)).id == "copper_lid"
+    file.write_text(file.read_text().replace("910.0", "911.0"))
+    with pytest.raises(EvidenceError) as caught:
+        book_of(str(file))
+    assert [one.code for one in caught.value.findings] == [Code.CONTENT_CHANGED]
