@@ -66,7 +66,8 @@ def write(
     ``signals`` are of ``ClosedLoop``, with the programme's set-points as they are to be reported; ``custom`` has
     canister, lid, tool and machine, ``parameters`` those of each controller, ``actions`` what an operator did, by tick.
     """
-    definitions, began_ns, count = Definitions(), time.time_ns(), 0
+    definitions, count = Definitions(), 0
+    began_ns = time.time_ns() - signals.n_ticks * TICK_NS  # it is over when it is written
     texts = {kind: interface_definition(kind) for kind in TOPICS.values()}
     tables = list(_tables(scenario, signals))
     with BagWriter(
