@@ -43,7 +43,7 @@ _REPORT = 10
 #: messages after which the writer is waited for
 _MANY = 20_000
 #: what an operator did: tick, and the fields of the message
-Actions = Mapping[int, Mapping[str, str]]
+Actions = Mapping[int, Mapping[str, Any]]
 #: fields of a topic's messages by tick
 Rows = Sequence[Mapping[str, Any]]
 

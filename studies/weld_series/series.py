@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.journal import RequestKind
 from fsw_control.parameters import load_source, validate
 from fsw_control.weld import TICK_S
 from fsw_quality import history, procedure, record, report
@@ -27,6 +28,8 @@ from fsw_schema.files import replacing
 from weld_series import bag
 
 CONTROLLER = "decentral:tight"
+#: as welds and procedure name it
+MACHINE = "emulator"
 #: where the joint line begins, and its end in a whole weld [deg]
 BEGIN_DEG, WHOLE_DEG = 20.0, 380.0
 #: dwell as the procedure wants it, and the tool's temperature at its begin, within the permitted set-points
@@ -87,8 +90,9 @@ def begin_and_length(end_deg: float) -> tuple[float, float]:
 
 
 def series_procedure(end_deg: float = WHOLE_DEG) -> Procedure:
-    """The shipped procedure; with an end of the joint line other than that of a whole weld, its phases are shorter."""
+    """The shipped procedure for the emulator; with another end of the joint line than the whole, phases are shorter."""
     values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
+    values["machine"]["name"] = MACHINE
     for one in values["phases"]:
         if one["name"] in ("joint_line", "overlap", "parking") and end_deg != WHOLE_DEG:
             one |= {"to_deg": one["to_deg"] + end_deg - WHOLE_DEG, "source": "the series, chosen"}
@@ -107,8 +111,14 @@ def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Action
     first, last = (begin + round(at_s / TICK_S) for at_s in (begin_s, begin_s + lasts_s + 20.0))
     signals.programme_temperature_c = signals.reference_temperature_c.copy()
     signals.programme_temperature_c[first : last + 1] = signals.reference_temperature_c[first - 1]
-    actions = {
-        tick: {"who": "Ada (3f2a)", "action": f"set-points {value:g} °C, ramp", "outcome": "done", "message": ""}
+    actions: dict[int, dict[str, Any]] = {
+        tick: {
+            "who": "Ada (3f2a)",
+            "kind": RequestKind.SET_REFERENCE,
+            "action": f"set-points {value:g} °C, ramp",
+            "outcome": "done",
+            "message": "",
+        }
         for tick, value in ((first, WRONG_C), (round(first + lasts_s / TICK_S), 826.4))
         if tick < signals.n_ticks
     }
@@ -143,7 +153,7 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
 
 def _weld_to_bag(number: int, name: str, folder: Path, end_deg: float) -> None:
     scenario, signals, actions = weld(number, end_deg)
-    identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": "emulator"}
+    identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": MACHINE}
     parameters = {
         one: validate(load_source(described_in(one)), variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {})
         for one in scenario.controllers
