@@ -22,9 +22,12 @@ if __name__ == "__main__":
 
     ensure()
 
+import numpy as np
 import rclpy
+from processes import memory_mib, processor_s
 from report import parser, save, show
 
+from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_recorder.bag_reader import BagReader
@@ -36,7 +39,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
 
 AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
-SENSORS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
+SENSORS = {topic for topic, _ in SENSOR_FIELDS.values()}
 #: of nodes whose start is timed by itself
 MODULES = {
     "fsw_plant": "fsw_plant.plant_node",
@@ -87,24 +90,18 @@ def ten_hertz(name):
         began_s, spent = time.perf_counter(), []
 
         def note(_):
-            pids = {one.name: one.process.pid for one in launcher.children.values() if one.running}
-            spent.append((time.perf_counter(), {node: usage(pid) for node, pid in pids.items()}))
+            pids = {name: child.process.pid for name, child in launcher.children.items() if child.running}
+            used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
+            spent.append((time.perf_counter(), used))
 
         graph.run(launcher, note)
-        (first_s, first), (last_s, last) = spent[0], next(one for one in reversed(spent) if "scenario" in one[1])
+        (first_s, first), (last_s, last) = spent[0], next(row for row in reversed(spent) if "scenario" in row[1])
         figures = {"nodes": len(first), "start_of_graph_s": first_s - began_s} | delays_ms(graph.bag)
         for node in first:
             cpu_s = last[node][0] - first[node][0]
             figures[f"{node}_cpu_percent"] = 100.0 * cpu_s / (last_s - first_s)
             figures[f"{node}_mib"] = max(used[node][1] for _, used in spent if node in used)
         return figures
-
-
-def usage(pid):
-    """Processor time [s] and resident memory [MiB] of a process."""
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    ticks, pages = int(words[11]) + int(words[12]), int(words[21])
-    return ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def delays_ms(bag):
@@ -117,8 +114,8 @@ def delays_ms(bag):
                 sensed[stamp] = max(sensed.get(stamp, 0), record.publish_time_ns)
             elif record.topic == "/fsw/command":
                 answered.setdefault(stamp, record.publish_time_ns)
-    delays = sorted((answered[stamp] - sensed[stamp]) * 1e-6 for stamp in answered if stamp in sensed)
-    return {f"delay_p{p}_ms": delays[round(p / 100 * (len(delays) - 1))] for p in (50, 99, 100)}
+    delays = [(answered[stamp] - sensed[stamp]) * 1e-6 for stamp in answered if stamp in sensed]
+    return {f"delay_p{share}_ms": float(np.percentile(delays, share)) for share in (50, 99, 100)}
 
 
 def starts_s(repetitions):

@@ -27,6 +27,7 @@ import re
 from urllib.request import urlopen
 
 from hmi_page import WATCH
+from processes import processor_s
 from report import Figures, parser, save, show
 from websockets.asyncio.client import connect
 
@@ -49,12 +50,6 @@ VIEWERS = 100
 PAST = 27_000
 #: while the pages open and get the past
 WARM_UP_S = 3.0
-
-
-def processor_s(process: int) -> float:
-    """Processor time that a process has used."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 async def view(url: str, build: str, ages_s: list[float], token: str = "") -> None:

@@ -27,6 +27,7 @@ if __name__ == "__main__":
 
 import rclpy
 import yaml
+from processes import processor_s
 from rclpy.context import Context
 from report import Figures, parser, save, show
 
@@ -77,12 +78,6 @@ def set_points(domain: int) -> Iterator[None]:
     yield
     node.destroy_node()
     context.try_shutdown()
-
-
-def processor_s(process: int) -> float:
-    """Processor time that a process has used."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def measure(cycles: int, secure: bool) -> Figures:

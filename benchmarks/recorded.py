@@ -28,6 +28,7 @@ if __name__ == "__main__":
 
 from report import Figures, parser, save, show
 
+from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
@@ -38,7 +39,7 @@ from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import Scenario, load
 
 #: of each tick the plant sends these
-FROM_PLANT = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/fsw/drives", "/fsw/plant/truth")
+FROM_PLANT = (*(topic for topic, _ in SENSOR_FIELDS.values()), "/fsw/drives", "/fsw/plant/truth")
 #: and the others answer with these; only the last tick of a weld may be without an answer
 ANSWERS = (
     "/fsw/command",
@@ -69,14 +70,14 @@ def lacking(bag: Path, ticks: int) -> Counter[str]:
             counter.note(record)
             messages[record.topic] += 1
         remarks = len(reader.problems)
-    found = Counter(ticks=ticks, remarks=remarks)
+    found, gaps = Counter(ticks=ticks, remarks=remarks), counter.gaps()
     for topic in (*FROM_PLANT, *ANSWERS):
-        gaps = counter.gaps().get(topic, TickGaps(0, 0, ticks, 0))
-        found[f"missing {topic}"] = gaps.before + gaps.missing + max(0, gaps.after - (topic in ANSWERS))
-        if found[f"missing {topic}"]:
-            print(f"{bag}: {topic}: {gaps}", file=sys.stderr)
+        own = gaps.get(topic, TickGaps(0, 0, ticks, 0))
+        found[topic] = own.before + own.missing + max(0, own.after - (topic in ANSWERS))
+        if found[topic]:
+            print(f"{bag}: {topic}: {own}", file=sys.stderr)
     for topic in FROM_PLANT:
-        found[f"missing {topic}"] += max(0, ticks - messages[topic])
+        found[topic] += max(0, ticks - messages[topic])
     return found
 
 
@@ -90,10 +91,9 @@ def measure(welds: int, at_a_time: int, busy: int, name: str, folder: Path) -> F
         with ThreadPoolExecutor(at_a_time) as pool:
             found = list(pool.map(lambda number: weld(scenario, folder / f"weld{number}"), range(welds)))
     total = sum(found, Counter[str]())
-    missing = {name: total[name] for name in total if name.startswith("missing ")}
-    names = ("welds", "ticks", "discarded", "remarks")
-    counts = {name: total[name] for name in names} | {"missing": sum(missing.values())}
-    return counts | missing | {"load_mean": total["load"] / welds}
+    counts = {name: total[name] for name in ("welds", "ticks", "discarded", "remarks")}
+    missing = {f"missing {topic}": total[topic] for topic in (*FROM_PLANT, *ANSWERS)}
+    return counts | {"missing": sum(missing.values())} | missing | {"load_mean": total["load"] / welds}
 
 
 def main() -> None:

@@ -27,6 +27,7 @@ if __name__ == "__main__":
 import mcap.writer
 import numpy as np
 import rclpy
+from processes import processor_s
 from rclpy.serialization import serialize_message
 from report import parser, save, show
 from rosbags import rosbag2
@@ -140,8 +141,7 @@ def graph_run(folder: Path, seconds: int) -> dict[str, float]:
         elapsed_s = float(wait_for_text(launcher, "talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
         with suppress(LaunchError):  # what has not come by then is lost
             launcher.wait_until(lambda: received(bag) >= count, 10.0, "the last message")
-        used = Path(f"/proc/{recorder.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        cpu_s = (int(used[11]) + int(used[12])) / os.sysconf("SC_CLK_TCK")
+        cpu_s = processor_s(recorder.process.pid)
         launcher.stop("recorder")
     with BagReader(bag) as reader:
         records = list(reader.records(["/load"]))

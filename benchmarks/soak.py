@@ -20,6 +20,7 @@ if __name__ == "__main__":
     ensure(extras=("hmi",))
 
 import numpy as np
+from processes import memory_mib
 from report import Figures, parser, save, show
 
 from fsw.progress import ProgressBar
@@ -33,12 +34,6 @@ from fsw_scenario.scenario_file import load
 EVERY_S = 10.0
 #: memory is compared from here on, as a share of the weld; before, caches fill
 SETTLED = 0.2
-
-
-def memory_mb(process: int) -> float:
-    """Resident memory of a process."""
-    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024.0
 
 
 class Memory:
@@ -58,7 +53,7 @@ class Memory:
         self._next_s = now_s + EVERY_S
         for name, child in self._launcher.children.items():
             if child.running:
-                self.samples.setdefault(name, []).append((now_s, memory_mb(child.process.pid)))
+                self.samples.setdefault(name, []).append((now_s, memory_mib(child.process.pid)))
 
     def figures(self) -> Figures:
         """First and last sample of each process after it has settled, and the slope of a line through all between."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
@@ -22,7 +23,10 @@ _MOST_IN_A_GAP = 600
 _LATE, _BETWEEN_REPORTS = 2, 11
 #: time over which the traverse speed is taken
 _APART_S = 5.0
-_OVER = ("done", "aborted")
+#: of a programme that has ended
+OVER = ("done", "aborted")
+#: by sensor, the signal that is its samples
+SENSOR_SIGNALS = dict(zip(SENSORS, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +75,7 @@ class Course:
 
 def course_of(signals: WeldSignals) -> Course:
     """The course of a recorded weld, from its sensors alone: the emulator's truth is no evidence."""
-    over = [event for event in signals.events if event.kind == "weld" and event.subject in _OVER]
+    over = [event for event in signals.events if event.kind == "weld" and event.subject in OVER]
     end_s = over[-1].time_s if over else float(signals.time_s[-1])
     begin_s = signals.phases[0][1] if signals.phases else _start_s(signals)
     inside = (signals.time_s >= begin_s - 1e-6) & (signals.time_s <= end_s + 1e-6)
@@ -138,17 +142,28 @@ def _held(signals: WeldSignals, time_s: FloatArray) -> npt.NDArray[np.bool_]:
     return held if since_s is None else held | (time_s > since_s + 1e-6)
 
 
-def unusable_samples(course: Course) -> dict[str, dict[str, int]]:
-    """Samples that would be held or left out, by sensor and reason, as the supervisor judges them by default."""
-    guard, found = SensorGuard(), {name: Counter[str]() for name in SENSORS}
-    columns = [course.values[name].tolist() for name in ("depth_mm", "torque_nm", "temperature_c")]
-    for time_s, *samples in zip(course.time_s.tolist(), *columns, strict=True):
-        values = {name: value for name, value in zip(SENSORS, samples, strict=True) if isfinite(value)}
-        guard.measure(time_s, values)
-        for name, reason in guard.reasons.items():
+class UnusableSamples:
+    """Counts samples that would be held or left out, as the supervisor judges them by default."""
+
+    def __init__(self) -> None:
+        self._guard = SensorGuard()
+        self.counts = {name: Counter[str]() for name in SENSORS}  #: by sensor and reason
+
+    def add(self, time_s: float, samples: Iterable[float]) -> None:
+        """Take a tick: a value of each of ``SENSORS``, NaN where there is none."""
+        self._guard.measure(time_s, {name: one for name, one in zip(SENSORS, samples, strict=True) if isfinite(one)})
+        for name, reason in self._guard.reasons.items():
             if reason:
-                found[name][reason] += 1
-    return {name: dict(reasons) for name, reasons in found.items() if reasons}
+                self.counts[name][reason] += 1
+
+
+def unusable_samples(course: Course) -> dict[str, Counter[str]]:
+    """Samples of a weld that would be held or left out, by sensor and reason."""
+    found = UnusableSamples()
+    columns = [course.values[name].tolist() for name in SENSOR_SIGNALS.values()]
+    for time_s, *samples in zip(course.time_s.tolist(), *columns, strict=True):
+        found.add(time_s, samples)
+    return found.counts
 
 
 def _travel(signals: WeldSignals, end_s: float) -> tuple[FloatArray, FloatArray]:

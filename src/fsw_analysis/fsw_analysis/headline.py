@@ -9,7 +9,7 @@ from fsw_analysis.judgement import Account, Rule, Verdict
 
 Level = Literal["good", "medium", "high"]
 _LEVELS: dict[Verdict, Level] = {Verdict.ACCEPT: "good", Verdict.REVIEW: "medium", Verdict.REJECT: "high"}
-_VARIABLES = {
+VARIABLES = {
     "depth_mm": "depth",
     "temperature_c": "temperature",
     "torque_nm": "torque",
@@ -46,7 +46,7 @@ _TITLES = {
 
 def title(rule: Rule) -> str:
     """What a rule that decides says, in a few words."""
-    words = _TITLES[rule.name].format(subject=_VARIABLES.get(rule.subject, rule.subject))
+    words = _TITLES[rule.name].format(subject=VARIABLES.get(rule.subject, rule.subject))
     return words[:1].upper() + words[1:]
 
 
@@ -70,7 +70,7 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
 
 def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:
     level: Level = "high" if one.kind == "essential" else "medium"
-    text = f"{_VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit}"
+    text = f"{VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit}"
     return _mark(level, text, (one.begin_s, one.duration_s), offset_s, one.angle_deg)
 
 

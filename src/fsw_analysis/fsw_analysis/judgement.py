@@ -15,9 +15,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Strict
 
-from fsw_analysis.course import Course, course_of, unusable_samples
+from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
 from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
-from fsw_analysis.procedure import SENSOR_NAMES, Procedure, Sensor, tuning_sha256
+from fsw_analysis.procedure import Procedure, Sensor, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
@@ -30,7 +30,7 @@ from fsw_recorder.errors import BagError
 from fsw_schema.models import Model
 
 #: sensor of the signals that stand for it
-_SIGNAL = dict(zip(SENSOR_NAMES, ("depth_mm", "torque_nm", "temperature_c", "force_kn"), strict=True))
+_SIGNALS = {**SENSOR_SIGNALS, "drives": "force_kn"}
 #: travel that the last report of a phase may lack: twice the time between two reports
 _REPORTS_S = 2.0
 #: travel by which the first report of a phase, which comes when it begins, may be late: some ticks. Later, it was lost,
@@ -161,7 +161,7 @@ def _evidence(
         has_states=bool(signals.counts.get("/fsw/supervisor/state")) or not recorded,
         stamp_ns=None if start_ns < SIMULATED_NS else start_ns,
         parameters=_parameters(signals, book),
-        unusable={sensor: dict(reasons) for sensor, reasons in unusable.items()},
+        unusable={sensor: dict(reasons) for sensor, reasons in unusable.items() if reasons},
         custom=signals.custom,
     )
 
@@ -285,7 +285,7 @@ def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) ->
     day = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, tz=UTC).date()
     required = [Sensor(name=name) for name in SENSORS] if procedure is None else procedure.sensors
     for sensor in required:
-        missing = course.missing[_SIGNAL[sensor.name]]
+        missing = course.missing[_SIGNALS[sensor.name]]
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
         faults += [f"{count} {fault}" for fault, count in reasons.items() if fault != "missing"]

@@ -56,13 +56,12 @@ def _records(replay: Replay, topic: str) -> Iterator[BagRecord]:
     definitions, definition = Definitions(), interface_definition(_TYPE)
     for stamp_ns, came_ns, proposal in zip(replay.stamps, replay.came, replay.proposals, strict=True):
         sec, nanosec = divmod(stamp_ns, NANOSECONDS)
-        why = Reason.of(proposal.reason)
         values = {
             "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
             "axial_force": n_from_kn(proposal.command.force_kn),
             "spindle_speed": rad_s_from_rpm(proposal.command.speed_rpm),
             "source": replay.controller,
             "healthy": proposal.healthy,
-            "why": {"code": int(why.code), "sensors": list(why.sensors), "limit": why.limit_s, "detail": why.detail},
+            "why": Reason.of(proposal.reason).fields,
         }
         yield BagRecord(topic, _TYPE, came_ns, came_ns, definitions.encode(_TYPE, definition, values), 0)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from fsw_control.coded import Coded
 
 
-class Cause(IntEnum):
+class Cause(Coded):
     """What made the mode or the controller change last; numbered as in ``SupervisorState.msg``."""
 
     STARTED = 0
@@ -32,15 +32,6 @@ class Cause(IntEnum):
     SWAP_BACK = 20
     #: none that this version knows
     UNKNOWN = 255
-
-    @classmethod
-    def _missing_(cls, value: object) -> Cause:
-        return cls.UNKNOWN
-
-    @property
-    def word(self) -> str:
-        """Its name in small letters."""
-        return self.name.lower()
 
     @property
     def words(self) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from fsw_control.coded import Coded
 
 
-class RequestKind(IntEnum):
+class RequestKind(Coded):
     """What was asked for on the operator's page; numbered as in ``OperatorAction.msg``, named as the requests are."""
 
     UNKNOWN = 0
@@ -31,21 +31,12 @@ class RequestKind(IntEnum):
     LOSE_CONTROL = 19
 
     @classmethod
-    def _missing_(cls, value: object) -> RequestKind:
-        return cls.UNKNOWN
-
-    @classmethod
     def of(cls, name: str) -> RequestKind:
         """Kind of a request by its name, e.g. ``set_reference``."""
         return cls.__members__.get(name.upper(), cls.UNKNOWN)
 
-    @property
-    def word(self) -> str:
-        """Its name in small letters."""
-        return self.name.lower()
 
-
-class AlarmChange(IntEnum):
+class AlarmChange(Coded):
     """What became of an alarm; numbered as in ``AlarmEvent.msg``."""
 
     UNKNOWN = 0
@@ -57,11 +48,7 @@ class AlarmChange(IntEnum):
     SHELVED = 6
     UNSHELVED = 7
 
-    @classmethod
-    def _missing_(cls, value: object) -> AlarmChange:
-        return cls.UNKNOWN
-
     @property
     def word(self) -> str:
         """Its name in small letters, e.g. ``re-raised``."""
-        return self.name.lower().replace("_", "-")
+        return super().word.replace("_", "-")

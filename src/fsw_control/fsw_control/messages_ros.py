@@ -300,8 +300,7 @@ def reason(message: WeldCommand | ControllerStatus) -> Reason:
 
 def reason_message(given: Reason | str) -> ReasonMessage:
     """A reason as a message; words are a controller's own."""
-    why = Reason.of(given)
-    return ReasonMessage(code=int(why.code), sensors=list(why.sensors), limit=why.limit_s, detail=why.detail)
+    return ReasonMessage(**Reason.of(given).fields)
 
 
 def readiness(message: ControllerHealth) -> Readiness:

@@ -5,11 +5,12 @@ The words that people read are made here, from one table, and nowhere read again
 
 from __future__ import annotations
 
-from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from fsw_control.coded import Coded
 
 
-class ReasonCode(IntEnum):
+class ReasonCode(Coded):
     """Kind of a reason; numbered as in ``Reason.msg``, which says what each means."""
 
     NONE = 0
@@ -35,10 +36,6 @@ class ReasonCode(IntEnum):
     NO_SAMPLES = 24
     STALLED = 25
     UNKNOWN = 255
-
-    @classmethod
-    def _missing_(cls, value: object) -> ReasonCode:
-        return cls.UNKNOWN
 
 
 _WORDS = {
@@ -83,6 +80,11 @@ class Reason(NamedTuple):
     def words(self) -> str:
         """The reason in words; empty when there is nothing to explain."""
         return _WORDS[self.code].format(sensors=", ".join(self.sensors), limit_s=self.limit_s, detail=self.detail)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The fields of ``Reason.msg``."""
+        return {"code": int(self.code), "sensors": list(self.sensors), "limit": self.limit_s, "detail": self.detail}
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:

@@ -9,16 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from fsw_analysis.headline import VARIABLES
+
 #: no ticks for longer than this: the values on the page are old
 TICK_AGE_S = 0.5
-_NAMES = {
-    "depth_mm": "Depth",
-    "temperature_c": "Temperature",
-    "force_kn": "Force",
-    "speed_rpm": "Speed",
-    "torque_nm": "Torque",
-    "power_kw": "Power",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +59,11 @@ def _of_alarms(alarms: Sequence[Mapping[str, Any]], priority: str) -> dict[str, 
 
 def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
     first = next((name for level in ("high", "medium") for name in flags if flags[name]["level"] == level), None)
-    return None if first is None else _line(flags[first]["level"], f"{_NAMES[first]}: {flags[first]['text']}")
+    return (
+        None
+        if first is None
+        else _line(flags[first]["level"], f"{VARIABLES[first].capitalize()}: {flags[first]['text']}")
+    )
 
 
 def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-from math import isfinite, nan
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fsw_analysis.course import OVER, SENSOR_SIGNALS, UnusableSamples
 from fsw_analysis.events import of_programme_states, of_states
 from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import Account, judge
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
-from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
-from fsw_control.validity import SensorGuard
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
 from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
 
-_SENSORS = dict(zip(SENSORS, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
-_OVER = ("done", "aborted")
 _UNSEEN = "the begin of the weld was before this page ran"
 
 
@@ -47,8 +43,7 @@ class LiveWeld:
         self._states: list[tuple[int, Any]] = []
         self._programme: list[tuple[int, Any]] = []
         self._problems: list[str] = []
-        self._guard = SensorGuard()
-        self._unusable = {sensor: Counter[str]() for sensor in SENSORS}
+        self._unusable = UnusableSamples()
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
@@ -58,11 +53,11 @@ class LiveWeld:
     def on_progress(self, progress: Mapping[str, Any]) -> None:
         """Take what the programme reports."""
         before, self._progress = self._progress, progress
-        begins = before is None or (before["state"] in _OVER and progress["state"] not in _OVER)
+        begins = before is None or (before["state"] in OVER and progress["state"] not in OVER)
         if not begins:
             return
         self.forget()
-        if progress["angle_deg"] or progress["state"] in _OVER:
+        if progress["angle_deg"] or progress["state"] in OVER:
             self._problems.append(_UNSEEN)
 
     def add(self, row: Row, source: str) -> None:
@@ -84,11 +79,7 @@ class LiveWeld:
         phase = progress.get("phase", "")
         if phase and (not self._phases or self._phases[-1][1] != phase):
             self._phases.append((stamp_ns, phase))
-        samples = {sensor: values[name] for sensor, name in _SENSORS.items() if isfinite(values[name])}
-        self._guard.measure(stamp_ns / NANOSECONDS, samples)
-        for sensor, reason in self._guard.reasons.items():
-            if reason:
-                self._unusable[sensor][reason] += 1
+        self._unusable.add(stamp_ns / NANOSECONDS, (values[name] for name in SENSOR_SIGNALS.values()))
         if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
             for kept in (self._stamps_ns, self._rows, self._texts):
                 del kept[:KEPT]
@@ -97,7 +88,7 @@ class LiveWeld:
         """The judgement of the weld so far; None before the first tick."""
         if not self._rows:
             return None
-        return judge(self._signals(), self.book, running=True, recorded=False, unusable=self._unusable)
+        return judge(self._signals(), self.book, running=True, recorded=False, unusable=self._unusable.counts)
 
     def frame(self) -> dict[str, Any] | None:
         """The judgement as the page gets it."""

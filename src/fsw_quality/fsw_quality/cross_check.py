@@ -69,10 +69,9 @@ def check_documents(
     for name, record in records.items():
         wrong = list(record_findings(name, record, weld))
         check.findings += wrong or _edited(name, record, weld, progress)
-    for name, data in documents.items():
-        if name not in records and json_sha256(data) is None and Path(name).name not in (PAGE, PDF):
-            check.notes.append(finding(Code.DOCUMENT_FOREIGN, name))
-    check.findings += page_findings(documents, records)
+    pages = _pages(documents, records)
+    check.notes += [finding(Code.DOCUMENT_FOREIGN, name) for name in documents if name not in (*records, *pages)]
+    check.findings += _differences(pages, documents, records)
     return check
 
 
@@ -87,16 +86,25 @@ def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
 
 def page_findings(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> Iterator[Finding]:
     """Whether each page and PDF is made of one of the records, and says of verdict and identity what that one says."""
+    return _differences(_pages(documents, records), documents, records)
+
+
+def _pages(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> dict[str, str | None]:
+    """Which documents are pages and PDFs of a record, with the hash of that, where they carry one."""
+    made_of = {name: json_sha256(data) for name, data in documents.items() if name not in records}
+    return {name: hash_ for name, hash_ in made_of.items() if hash_ is not None or Path(name).name in (PAGE, PDF)}
+
+
+def _differences(
+    pages: Mapping[str, str | None], documents: Mapping[str, bytes], records: Mapping[str, Record]
+) -> Iterator[Finding]:
     by_hash = {sha256(documents[name]): record for name, record in records.items()}
-    for name, data in documents.items():
-        made_of = json_sha256(data)
-        if name in records or (made_of is None and Path(name).name not in (PAGE, PDF)):
-            continue
+    for name, made_of in pages.items():
         if made_of not in by_hash:
             yield finding(Code.OTHER_RECORD, name)
             continue
         try:
-            if missing := stated_otherwise(data, by_hash[made_of]):
+            if missing := stated_otherwise(documents[name], by_hash[made_of]):
                 yield finding(Code.DOCUMENT_DIFFERS, name, fields=", ".join(missing))
         except ValueError as error:
             yield finding(Code.UNREADABLE, name, reason=error)

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, Strict
 
-from fsw_analysis.course import Course
+from fsw_analysis.course import SENSOR_SIGNALS, Course
 from fsw_analysis.exceedances import Exceedance, Pair, Rounded, beyond
 from fsw_analysis.judgement import Evidence, Rule, Verdict, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
@@ -395,7 +395,7 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
     travel = course.travel_mm[ticks]
     known = travel[np.isfinite(travel)]
     travelled = round(float(known[-1] - known[0]), 6) if known.size else None
-    sensors = np.stack([values[key] for key in ("depth_mm", "torque_nm", "temperature_c")])
+    sensors = np.stack([values[key] for key in SENSOR_SIGNALS.values()])
     return PhaseRecord(
         phase=name,
         begin_s=time_s[0],

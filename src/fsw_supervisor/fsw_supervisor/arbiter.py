@@ -239,7 +239,7 @@ class Arbiter:
         if (tick := self.ticks.present) is not None:
             # In lockstep a tick that nobody has been heard to answer may stand: it is decided here, too.
             tick.answered, tick.previous = tick.answered or not self.lockstep, None
-        self.operator.drop(f"{reason}")
+        self.operator.drop(reason)
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 
     def withhold(self, decisions: list[Decision]) -> None:
