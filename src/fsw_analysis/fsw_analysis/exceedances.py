@@ -25,10 +25,7 @@ Pair = Annotated[tuple[Rounded, Rounded], Strict(False)]
 class Exceedance(Model):
     """Samples in a row that are outside a limit or missing."""
 
-    kind: Kind
-    variable: str
-    limit: str
-    """in words"""
+    limit: Check
     begin_s: Rounded
     """on the clock of the weld, whose first tick is at 0.1 s"""
     duration_s: Rounded
@@ -46,6 +43,16 @@ class Exceedance(Model):
     """from and to along the weld, likewise"""
     commanded_by: str
     """whose commands were applied then, empty when not on record"""
+
+    @property
+    def kind(self) -> Kind:
+        """That of the limit."""
+        return self.limit.kind
+
+    @property
+    def variable(self) -> str:
+        """That of the limit."""
+        return self.limit.variable
 
 
 def beyond(values: FloatArray, low: float | None, high: float | None) -> FloatArray:
@@ -94,9 +101,7 @@ def _exceedances(course: Course, check: Check) -> list[Exceedance]:
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
         found.append(
             Exceedance(
-                kind=check.kind,
-                variable=check.variable,
-                limit=check.words,
+                limit=check,
                 begin_s=course.time_s[run.start],
                 duration_s=_duration_s(course, run),
                 samples=run.stop - run.start,

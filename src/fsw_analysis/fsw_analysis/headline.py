@@ -70,7 +70,7 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
 
 def _of_exceedance(one: Exceedance, offset_s: float) -> dict[str, Any]:
     level: Level = "high" if one.kind == "essential" else "medium"
-    text = f"{VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit}"
+    text = f"{VARIABLES[one.variable]} {'missing' if one.missing == one.samples else 'outside'}: {one.limit.words}"
     return _mark(level, text, (one.begin_s, one.duration_s), offset_s, one.angle_deg)
 
 

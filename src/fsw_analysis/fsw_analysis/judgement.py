@@ -188,7 +188,7 @@ def _rule(
 def _limits(course: Course, book: RuleBook, found: Sequence[Exceedance]) -> Iterator[Rule]:
     tolerated = book.acceptance
     for check in book.checks():
-        own = [one for one in found if one.kind == check.kind and one.limit == check.words]
+        own = [exceedance for exceedance in found if exceedance.limit == check]
         longest = longest_s(course, check)
         too_long = longest > tolerated.tolerated_s + 1e-6
         share = sum(one.samples for one in own) / max(1, int(np.sum(holds(course, check))))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -70,14 +70,27 @@ class SetPoints(Model):
         return self
 
 
-class Limit(Sourced):
-    """Limits on a variable, in all phases or in some."""
+class Bounds(Model):
+    """Bounds of a variable."""
 
-    variable: Variable
+    variable: str
     min: float | None = None
     max: float | None = None
     phases: Many[Name] = ()
     """in which it holds; left out: in all"""
+
+    @property
+    def words(self) -> str:
+        """E.g. ``temperature_c 790 to 910 in joint_line``."""
+        low = "" if self.min is None else f" {self.min:g}" if self.max is not None else f" at least {self.min:g}"
+        high = "" if self.max is None else f" to {self.max:g}" if self.min is not None else f" at most {self.max:g}"
+        return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
+
+
+class Limit(Sourced, Bounds):
+    """Limits on a variable, in all phases or in some."""
+
+    variable: Variable
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:
@@ -91,26 +104,14 @@ class Limit(Sourced):
         """Whether a value is inside."""
         return (self.min is None or self.min <= value) and (self.max is None or value <= self.max)
 
-    @property
-    def words(self) -> str:
-        """E.g. ``temperature_c 790 to 910 in joint_line``."""
-        low = "" if self.min is None else f" {self.min:g}" if self.max is not None else f" at least {self.min:g}"
-        high = "" if self.max is None else f" to {self.max:g}" if self.min is not None else f" at most {self.max:g}"
-        return f"{self.variable}{low}{high}" + (f" in {', '.join(self.phases)}" if self.phases else "")
-
 
 Kind = Literal["essential", "quality", "set_point"]
 
 
-class Check(NamedTuple):
+class Check(Bounds):
     """What every sample of a phase must be within."""
 
     kind: Kind
-    variable: str
-    min: float | None
-    max: float | None
-    words: str
-    phases: tuple[str, ...] = ()  #: all, where empty
 
 
 class Acceptance(Sourced):
@@ -164,11 +165,10 @@ class RuleBook(Model):
 
     def checks(self) -> Iterator[Check]:
         """All limits and the permitted set-points, in that order."""
-        for kind, one in self.limits():
-            yield Check(kind, one.variable, one.min, one.max, one.words, one.phases)
+        for kind, limit in self.limits():
+            yield Check(kind=kind, **limit.model_dump(exclude={"source"}))
         for name, point in self.set_points:
-            words = f"set-point {name} {point.min:g} to {point.max:g}"
-            yield Check("set_point", f"set_point_{name}", point.min, point.max, words)
+            yield Check(kind="set_point", variable=f"set_point_{name}", min=point.min, max=point.max)
 
     def limits(self) -> Iterator[tuple[Literal["essential", "quality"], Limit]]:
         """All limits with their kind, the essential ones first."""

@@ -80,8 +80,8 @@ def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | No
     known = course.angle_deg[np.isfinite(course.angle_deg)]
     if not known.size:
         return None
-    rows = [limit.words for _, limit in procedure.limits()]
-    rows += dict.fromkeys(one.limit for one in found if one.kind == "set_point")
+    outside = [exceedance.limit for exceedance in found]
+    rows = [check for check in procedure.checks() if check.kind != "set_point" or check in outside]
     end = max(float(known.max()), 1.0)
     with sheet(9.0, 1.4 + 0.3 * len(rows)) as figure:
         axis = figure.subplots()
@@ -104,7 +104,7 @@ def unrolled(course: Course, procedure: Procedure, record: Record) -> bytes | No
                     axis.annotate(
                         name, (angles[0], 1.01), xycoords=("data", "axes fraction"), fontsize=7.0, rotation=90
                     )
-        axis.set_yticks(range(len(rows)), rows, fontsize=8.0)
+        axis.set_yticks(range(len(rows)), [check.words for check in rows], fontsize=8.0)
         axis.set_ylim(len(rows) - 0.4, -0.6)
         axis.set_xlim(0.0, end)
         axis.set_xticks(np.arange(0.0, end + 1.0, 30.0))

@@ -138,7 +138,7 @@ class Record(Model):
     """Content of record.json."""
 
     format: Literal["fsw_weld_record"] = "fsw_weld_record"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     verdict: Annotated[Verdict, Strict(False)]
     deciding: Rule
     """the first rule that led to the verdict; of an accepted weld, that all are kept"""
