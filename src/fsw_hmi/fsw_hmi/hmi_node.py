@@ -45,6 +45,7 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.refusals import why_not
 from fsw_hmi.requests import Acknowledge, Action, SafeStop, Shelve, Unshelve
 from fsw_hmi.standing import flags_now
+from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen
@@ -91,6 +92,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
         self._weld = LiveWeld(self._book)
         self._flags: dict[str, dict[str, str]] = {}
+        self._stopping = StopProgress()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
         self._orders = Orders(self)
@@ -184,7 +186,11 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 self._flags = flags_now(self._watch.values, self._watch.programme(), self._book, self._limits())
-                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},"flags":{json.dumps(self._flags)}}}'
+                stopped = self._watch.state is not None and self._watch.state["actual_mode"] == "safe_stop"
+                values = self._watch.values | {"time_s": one.stamp_ns / NANOSECONDS}
+                stop = self._stopping.at(stopped, values, safe_state(self._interlocks))
+                found = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
+                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{found}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
     def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
@@ -214,7 +220,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             "all_welds": bool(self._settings["history_report"]),
             "limits": self._limits(),
             "reference": reference(self._interlocks),
-            "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
         self._web.call(partial(self._page.set_hello, hello))

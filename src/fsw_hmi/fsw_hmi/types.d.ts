@@ -47,7 +47,6 @@ interface Hello {
   columns: string[];
   limits: Limits;
   reference: Reference;
-  safe?: { force_kn: number; rate_kn_per_s: number } | null;
   disturbances: { channels: Record<string, Allowed>; shapes: string[]; duration_s: [number, number] };
   faults: { sensors: Record<string, Allowed>; kinds: string[]; delay_s: [number, number] };
 }
@@ -143,7 +142,9 @@ type Ahead = { time_s: number[] } & { [quantity: string]: number[] | undefined }
 type Flag = { level: "medium" | "high"; kind: "trip" | "essential" | "warn" | "quality" | "error" | "deviation"; text: string };
 /** By quantity; most have nothing. */
 type Flags = Record<string, Flag | undefined>;
-type Tick = { t: "tick"; server_s: number; row: Row; flags: Flags };
+/** How far a safe stop has come; without figures where its ramp or the force are not known. */
+type StopProgress = { kind: "falling" | "safe" | "not_falling" | "unknown"; share?: number; safe_kn?: number; due_kn?: number; left_s?: number };
+type Tick = { t: "tick"; server_s: number; row: Row; flags: Flags; stop: StopProgress | null };
 type Frame =
   | Hello
   | State

@@ -34,6 +34,7 @@ from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.standing import flags_now
+from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.trends_library import Uplot
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
@@ -48,6 +49,7 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.warn": 800.0, "interlocks.temperature_high.warn": 900.0},
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
+SAFE = {"force_kn": 65.0, "rate_kn_per_s": 2.0}
 LIMITS = limits(_INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
 
 
@@ -103,6 +105,7 @@ class FakeHmi:
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
         self._flags: dict[str, dict[str, str]] = {}
+        self._stopping = StopProgress()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._uplot = Uplot()
         app = Starlette(
@@ -195,7 +198,10 @@ class FakeHmi:
                 self._last_tick_s = time.time()
                 row = self._row(self._time_s())
                 self._flags = flags_now(dict(zip(COLUMNS[1:], row[1:], strict=True)), self.progress, default(), LIMITS)
-                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": row, "flags": self._flags})
+                values = dict(zip(COLUMNS, row, strict=True))
+                stop = self._stopping.at(self.state["actual_mode"] == "safe_stop", values, SAFE)
+                tick = {"t": "tick", "server_s": self._last_tick_s, "row": row, "flags": self._flags, "stop": stop}
+                frames.append(tick)
             if count % 3 == 0:
                 now = time.time()
                 frames.append({"t": "beat", "server_s": now, "tick_age_s": self._tick_age_s()})
@@ -298,7 +304,6 @@ class FakeHmi:
             "columns": COLUMNS,
             "limits": LIMITS,
             "reference": reference(_INTERLOCKS),
-            "safe": {"force_kn": 65.0, "rate_kn_per_s": 2.0},
             **EMULATOR,
         }
 

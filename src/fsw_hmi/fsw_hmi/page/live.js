@@ -29,6 +29,7 @@ export class LivePage {
   /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
   /** @type {Headline} */ headline = { level: "attention", text: "No measurements yet", detail: "" };
   /** @type {Value} */ tickAgeS = null;
+  /** @type {Tick["stop"]} */ stop = null;
 
   constructor() {
     this.connection = new Connection(meta("build"), this);
@@ -74,6 +75,7 @@ export class LivePage {
     const hadControl = this.control.you;
     this.hello = hello;
     this.values = {};
+    this.stop = null;
     if (isNew) this.control = NOBODY;
     this.store = new Store(hello.columns);
     this.bars = new Bars(byId("values"), hello.limits);
@@ -91,6 +93,7 @@ export class LivePage {
     if (this.trends) this.trends.toServerS = tick.server_s - (tick.row[0] ?? NaN);
     this.values = Object.fromEntries(this.hello.columns.map((name, i) => [name, tick.row[i]]));
     this.tickAgeS = 0;
+    this.stop = tick.stop;
     this.bars?.update(this.values, tick.flags, this.progress, this.alarms.attainable);
     this.map?.add([tick.row]);
     this.status.progress.update(this);

@@ -1,17 +1,16 @@
 // Progress of the weld: phase, angle, length, time left; while it is stopped, how far the stop has come.
 import { byId, setShort } from "./dom.js";
 import { fixed, span, words } from "./format.js";
-import { Stop } from "./stop.js";
+import { stopProgress } from "./stop.js";
 
 export class Progress {
   root = byId("progress");
   phase = /** @type {HTMLElement} */ (document.querySelector("#progress strong"));
   bar = /** @type {HTMLProgressElement} */ (document.querySelector("#progress progress"));
   detail = /** @type {HTMLElement} */ (document.querySelector("#progress .detail"));
-  stop = new Stop();
 
   update(/** @type {import("./live.js").LivePage} */ page) {
-    const stop = this.stop.progress(page);
+    const stop = stopProgress(page);
     const { level, text, detail } = stop ?? told(page.progress);
     this.bar.hidden = !stop || stop.share === null;
     this.bar.value = Math.min(1, Math.max(0, stop?.share ?? 0));
