@@ -71,7 +71,7 @@ def markdown(specs: dict[str, ParameterSpec]) -> str:
     for spec in specs.values():
         default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
         allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
-        text = spec.description + (" (at start only)" if spec.read_only else "")
+        text = spec.text + (" (at start only)" if spec.read_only else "")
         rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
     return "\n".join(table(("parameter", "type", "default", "range", "unit", "meaning"), rows))
 

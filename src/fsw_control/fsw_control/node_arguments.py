@@ -70,7 +70,7 @@ def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
         parts += [f"one of {', '.join(spec.options)}"] if spec.options else []
         parts += ["at start only"] if spec.read_only else []
         lines.append(f"  {spec.name}  ({'; '.join(parts)})")
-        lines.append(fill(spec.description, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6))
+        lines.append(fill(spec.text, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6))
     return "\n".join(lines)
 
 

@@ -10,6 +10,7 @@ The file maps each parameter name to a description of it::
       range: [0.001, 1.0]     # optional, numbers and arrays of numbers
       options: [a, b]         # optional, strings and arrays of strings
       read_only: false        # optional
+    negative: "default"     # optional: what a negative value stands for
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from fsw_schema.yaml_text import content_of
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
 Source = tuple[str, str] | str | Path | None
-_KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only"}
+_KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only", "negative"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 
 
@@ -53,6 +54,12 @@ class ParameterSpec:
     range: tuple[float, float] | None = None
     options: tuple[str, ...] = ()
     read_only: bool = False
+    negative: str = ""
+
+    @property
+    def text(self) -> str:
+        """Its description, with what a negative value stands for."""
+        return f"{self.description}; negative: {self.negative}" if self.negative else self.description
 
     def check(self, value: Any) -> Any:
         """Return ``value`` in the parameter's type.
@@ -119,8 +126,8 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
     default = entry["default_value"]
     if isinstance(default, str) and default.startswith("$"):
         default = getattr(weld, default[1:], default)
-    unit, description = str(entry.get("unit", "")), str(entry["description"])
-    spec = ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only)
+    unit, description, negative = (str(entry.get(key, "")) for key in ("unit", "description", "negative"))
+    spec = ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only, negative)
     try:
         return replace(spec, default=spec.check(default))
     except InputError as error:

@@ -95,7 +95,7 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     message = ParameterDescriptor(
         name=spec.name,
         type=_ros_type(spec).value,
-        description=f"{spec.description}{unit}{options}",
+        description=f"{spec.text}{unit}{options}",
         read_only=spec.read_only,
     )
     if spec.range is not None:

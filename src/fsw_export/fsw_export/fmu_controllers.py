@@ -76,8 +76,7 @@ def decentral(choice: Choice) -> Content:
         if name in _DECENTRAL:
             low, high = spec.range or (-inf, inf)
             allowed = (max(low, 0.0), high) if hasattr(controller.gains, name) else (low, high)
-            text = spec.description.partition("; negative:")[0]
-            parameters.append(parameter(replace(spec, range=allowed, description=text), values[name]))
+            parameters.append(parameter(replace(spec, range=allowed), values[name]))
     return _content(sources_of(controller), parameters, choice, render("tune_decentral.h", fields=_DECENTRAL))
 
 
