@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, is_dataclass, replace
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.weld import TICK_S
 from fsw_schema.yaml_text import load_yaml
 
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
@@ -18,6 +20,8 @@ _GROUP_TICKS = 10
 _SMALLEST_STEP = 1e-9
 #: a tick at the scenario's end may be later by this
 _LATE_S = 1e-6
+#: the last tick of a scenario on a real clock may be earlier by this
+_SHORT_S = 2.5 * TICK_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,14 +84,31 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
 
 def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
     """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
+    n = int(np.searchsorted(signals.time_s, _scenario_s(signals) + _LATE_S, side="right"))
+    return signals if n >= signals.n_ticks else part(signals, slice(n))
+
+
+def _scenario_s(signals: WeldSignals) -> float:
+    """Duration of the scenario that is attached to the bag; infinite where it has none, as one of phases."""
     text = signals.attachments.get("scenario.yaml")
     try:
         content = load_yaml(text.decode()) if text else None
-        last_s = float(content["duration_s"]) if isinstance(content, dict) else float("inf")
+        return float(content["duration_s"]) if isinstance(content, dict) else inf
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
-        return signals
-    n = int(np.searchsorted(signals.time_s, last_s + _LATE_S, side="right"))
-    return signals if n >= signals.n_ticks else part(signals, slice(n))
+        return inf
+
+
+def missing_at_end_s(signals: WeldSignals) -> float:
+    """Seconds of a weld that are not on record at its end; NaN where they are missing, and how many is not known.
+
+    How long it should be is known from its scenario; of a programme without a duration, that its end was reported.
+    """
+    lasts_s = _scenario_s(signals)
+    if lasts_s < inf:
+        missing_s = lasts_s - float(signals.time_s[-1])
+        return missing_s if missing_s > _SHORT_S else 0.0
+    over = any(event.kind == "weld" and event.subject in ("done", "aborted") for event in signals.events)
+    return nan if signals.phases and not over else 0.0
 
 
 def part(value: Any, ticks: slice) -> Any:

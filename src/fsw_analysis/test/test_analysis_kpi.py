@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fsw_analysis import kpi, kpi_table, phase_kpi
-from fsw_analysis.changes import changes, cut_to_scenario
+from fsw_analysis.changes import changes, cut_to_scenario, missing_at_end_s
+from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals, experiment_time_s
 
 N = 1000
@@ -200,3 +201,32 @@ def test_ticks_after_the_scenario_are_cut():
     assert weld.n_ticks == N
     weld.attachments = {"scenario.yaml": b"["}
     assert cut_to_scenario(weld) is weld
+
+
+@pytest.mark.parametrize(
+    ("scenario", "missing_s"),
+    [
+        ("duration_s: 100.0", 0.0),
+        ("duration_s: 100.2", 0.0),
+        ("duration_s: 103.0", 3.0),
+        ("phases: []", 0.0),
+        ("", 0.0),
+    ],
+)
+def test_the_end_that_a_scenario_has_and_the_bag_lacks(scenario, missing_s):
+    weld = signals()
+    assert weld.time_s[-1] == pytest.approx(100.0)
+    weld.attachments = {"scenario.yaml": f"{{name: x, {scenario}}}".encode()} if scenario else {}
+    assert missing_at_end_s(weld) == pytest.approx(missing_s)
+
+
+@pytest.mark.parametrize(
+    ("states", "on_record"), [((), False), (("held", "resumed"), False), (("done",), True), (("aborted",), True)]
+)
+def test_a_programme_without_a_duration_has_its_end_on_record(states, on_record):
+    weld = signals()
+    weld.attachments = {"scenario.yaml": b"{name: x, phases: [{name: dwell}]}"}
+    weld.phases = [("dwell", 0.1)]
+    weld.events = [WeldEvent(5.0, "weld", state) for state in states]
+    missing_s = missing_at_end_s(weld)
+    assert missing_s == 0.0 if on_record else np.isnan(missing_s)
