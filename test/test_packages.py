@@ -45,7 +45,8 @@ MAY_IMPORT = {
         *("fsw_analysis", "fsw_scenario"),
     },
     "fsw_campaign": {
-        *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
+        *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_recorder", "fsw_analysis"),
+        "fsw_scenario",
     },
     "fsw": {
         *("fsw_schema", "fsw_model", "fsw_canister", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"),

@@ -9,12 +9,16 @@ from pathlib import Path
 from fsw.command import FORCE, command, file, option, switch
 from fsw.console import program
 from fsw.errors import CommandError
+from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
 from fsw.outputs import check_new, default_folder
 from fsw.progress import ProgressBar
 
 _REPORT = "report"
 #: arguments of only one of both forms
-_ONLY_RUN, _ONLY_REPORT = ("welds", "workers", "scheduler", "resume"), ("folder", "limits", "force")
+_ONLY_RUN, _ONLY_REPORT = (
+    ("welds", "workers", "scheduler", "resume", "trusted", "require_signed"),
+    ("folder", "limits", "force"),
+)
 
 
 @command(
@@ -34,11 +38,14 @@ _ONLY_RUN, _ONLY_REPORT = ("welds", "workers", "scheduler", "resume"), ("folder"
     option(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here"
     ),
+    TRUSTED,
+    REQUIRE_SIGNED_PROCEDURE,
     file("--limits", "after report: limits on figures of merit (YAML) instead of its own"),
     FORCE,
     description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
     "'report', write a report on the welds in such a folder.",
     usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
+    "       [--trusted FILE] [--require-signed]\n"
     "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
     needs=("distributed", "pyarrow"),
 )
@@ -66,7 +73,8 @@ def _weld(arguments: argparse.Namespace) -> int:
         raise CommandError(
             "campaign: --workers must be at least 1 and cannot be combined with --scheduler, which has its own"
         )
-    campaign = definition.load(arguments.file, arguments.welds)
+    trusted = trusted_keys(arguments) or None
+    campaign = definition.load(arguments.file, arguments.welds, trusted, arguments.require_signed)
     folder = arguments.out or default_folder(campaign.name)
     with dataset.Dataset(folder, campaign, arguments.resume) as written:
         total, there = campaign.welds * len(campaign.entrants), len(written.done)

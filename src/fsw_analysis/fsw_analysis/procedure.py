@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import date
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
 from fsw_control.contract import SENSORS
+from fsw_recorder.findings import Code, EvidenceError, finding
+from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 from fsw_schema.models import InputError, Many, Model, Name, content_of, problem, validate
 from fsw_schema.ranges import Range
 
@@ -183,6 +186,23 @@ def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:
             with suppress(InputError):  # a scenario that names the format is none
                 found.append(validate(Procedure, content_of(data.decode("utf-8", "replace"), name), name))
     return found
+
+
+def signer_of(path: Path, trusted: Sequence[TrustedKey] | None, required: bool = False) -> Signer | None:
+    """Who signed the file of a procedure; None where nobody did.
+
+    Without ``trusted`` keys any will do, and none where a signature is ``required``.
+
+    Raises
+    ------
+    EvidenceError
+        It was changed after it was signed, by a key that does not count, or it is not signed although ``required``.
+    """
+    if signature_path(path).exists():
+        return verify_file(path, Purpose.PROCEDURE, (trusted or ()) if required else trusted)
+    if required:
+        raise EvidenceError(finding(Code.NOT_SIGNED, path))
+    return None
 
 
 def rule_book(attachments: Mapping[str, bytes]) -> RuleBook:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
-from fsw_analysis.procedure import Procedure
+from fsw_analysis.procedure import Procedure, signer_of
 from fsw_analysis.rule_book import RuleBook, default
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
 from fsw_control.contract import Controller
 from fsw_plant.event_schema import TIME_S
+from fsw_recorder.signature import TrustedKey
 from fsw_scenario import scenario_file
 from fsw_scenario.controllers import make_all, name_of, short, source_of
 from fsw_scenario.scenario import Scenario
@@ -178,7 +179,12 @@ def shipped() -> list[str]:
     return shipped_names(_SHIPPED)
 
 
-def load(source: str | Path, welds: int | None = None) -> Campaign:
+def load(
+    source: str | Path,
+    welds: int | None = None,
+    trusted: Sequence[TrustedKey] | None = None,
+    require_signed: bool = False,
+) -> Campaign:
     """Read a campaign.
 
     Parameters
@@ -188,11 +194,15 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
         file, or a scenario itself, and so is the procedure, which has no name.
     welds : int, optional
         Instead of the file's.
+    trusted : sequence of TrustedKey, optional
+        Keys whose signatures of the procedure count; without them any will do.
+    require_signed : bool
+        Refuse a procedure that nobody signed.
 
     Raises
     ------
     fsw_schema.models.InputError
-        If there is no such campaign or something in it is wrong.
+        If there is no such campaign, something in it is wrong, or its procedure is not signed as it has to be.
     """
     content = content_of(read_text(source, "campaign", _SHIPPED), str(source))
     if isinstance(content, dict):
@@ -203,7 +213,11 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
             text = scenario_file.text_of(beside if beside.is_file() else name)
             content["scenario"] = scenario_file.content_of(text, name)
         if isinstance(name := content.get("procedure"), str):
-            content["procedure"] = content_of(read_text(Path(source).parent / name, "procedure"), name)
+            path = Path(source).parent / name
+            signer_of(path, trusted, require_signed)
+            content["procedure"] = content_of(read_text(path, "procedure"), name)
+        elif require_signed:
+            raise InputError(f"{source}: has no procedure in a file of its own, which could be signed")
     return read(content, str(source))
 
 

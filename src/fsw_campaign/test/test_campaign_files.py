@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,21 @@ from fsw_campaign.definition import Bounds  # noqa: E402
 from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
+from fsw_recorder.findings import Code, EvidenceError  # noqa: E402
+from fsw_recorder.signature import (  # noqa: E402
+    Purpose,
+    load_private,
+    load_trusted,
+    make_key,
+    sign,
+    signature_path,
+)
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
 from fsw_schema.models import InputError, validate  # noqa: E402
 from fsw_test_support.judged_weld import short_procedure  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
+
+NOW = datetime(2026, 11, 25, tzinfo=UTC)
 
 
 def one(path, **entry):
@@ -131,6 +143,39 @@ def test_welds_are_judged_by_the_procedure(tmp_path, changes, verdict, rule):
     assert definition.read(json.loads(made.text)).book == made.book and made.book.id == "copper_lid"
     row = run_weld(made, 0, {"plant.seed": 1}, made.entrants[0])
     assert (row["status"], row["reason"], row["verdict"], row["rule"]) == ("ok", "", verdict, rule)
+
+
+def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    path = tmp_path / "lid.yaml"
+    path.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
+    file = tmp_path / "campaign.yaml"
+    file.write_text(
+        yaml.safe_dump(
+            {"name": "signed", "scenario": WELD, "welds": 1, "procedure": "lid.yaml", "controllers": ["decentral"]}
+        )
+    )
+    for name in ("own", "foreign"):
+        make_key(tmp_path / name)
+    own = load_trusted([tmp_path / "own.pub"])
+    assert definition.load(file).book.id == "copper_lid"
+    with pytest.raises(EvidenceError) as caught:
+        definition.load(file, trusted=own, require_signed=True)
+    assert caught.value.findings[0].code is Code.NOT_SIGNED
+    for name, code in (("own", None), ("foreign", Code.KEY_UNKNOWN)):
+        text = sign(path.read_bytes(), path.name, Purpose.PROCEDURE, load_private(tmp_path / name), NOW)
+        signature_path(path).write_text(text)
+        if code is None:
+            assert definition.load(file, trusted=own, require_signed=True).book.id == "copper_lid"
+            continue
+        for demanded in ({"trusted": own}, {"require_signed": True}):
+            with pytest.raises(EvidenceError) as caught:
+                definition.load(file, **demanded)
+            assert caught.value.findings[0].code is code
+    path.write_text(path.read_text() + "# changed\n")
+    with pytest.raises(EvidenceError) as caught:
+        definition.load(file)
+    assert caught.value.findings[0].code is Code.CONTENT_CHANGED
 
 
 def test_a_procedure_that_is_none_is_refused(tmp_path):

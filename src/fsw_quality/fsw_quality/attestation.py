@@ -218,13 +218,10 @@ def manifest_for(bag: Path) -> tuple[Manifest, str, list[Finding]]:
         if source := custom.get("recovered_from"):
             notes.append(finding(Code.RECOVERED, METADATA_NAME, source=source))
         notes += [finding(Code.BAG_DAMAGED, bag.name, problem=problem) for problem in reader.problems]
-    whole, more = complete(bag, manifest)
-    made = bool(more or not manifest.files)
-    notes += more or [
-        finding(Code.HASHED_AFTERWARDS, entry.name) for entry in whole.files if entry.hashed == "afterwards"
-    ]
-    text = whole.text() if made else (bag / MANIFEST_NAME).read_text(encoding="utf-8")
-    return whole, text, notes
+    whole = complete(bag, manifest)
+    notes += [finding(Code.HASHED_AFTERWARDS, entry.name) for entry in whole.files if entry.hashed == "afterwards"]
+    recorded = whole.files == manifest.files and manifest.files
+    return whole, (bag / MANIFEST_NAME).read_text(encoding="utf-8") if recorded else whole.text(), notes
 
 
 def recorder_of(bag: Path, trusted: Sequence[TrustedKey] | None) -> Signer | None:

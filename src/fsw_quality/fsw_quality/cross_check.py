@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from fsw_quality.attestation import IDENTITY
@@ -44,18 +44,12 @@ class Weld:
         return [finding(Code.OTHER_PROCEDURE, source, stated=_name(self.given), actual=actual)]
 
 
-@dataclass(slots=True)
-class DocumentCheck:
-    """Result for the documents: what is wrong with them, and which nothing links to the bag."""
-
-    findings: list[Finding] = field(default_factory=list)
-    notes: list[Finding] = field(default_factory=list)
-
-
 def check_documents(
     weld: Weld, documents: Mapping[str, bytes], progress: Callable[[float], None] | None = None
-) -> DocumentCheck:
+) -> tuple[list[Finding], list[Finding]]:
     """Compare documents with the weld; a record, also by judging the weld again, which reads the whole bag.
+
+    Returns what is wrong with them, and which nothing links to the bag.
 
     Raises
     ------
@@ -64,15 +58,12 @@ def check_documents(
     fsw_recorder.errors.BagError
         The bag cannot be judged.
     """
-    check = DocumentCheck()
-    records = records_of(documents)
+    records, findings = records_of(documents), list[Finding]()
     for name, record in records.items():
-        wrong = list(record_findings(name, record, weld))
-        check.findings += wrong or _edited(name, record, weld, progress)
-    pages = _pages(documents, records)
-    check.notes += [finding(Code.DOCUMENT_FOREIGN, name) for name in documents if name not in (*records, *pages)]
-    check.findings += _differences(pages, documents, records)
-    return check
+        findings += list(record_findings(name, record, weld)) or _edited(name, record, weld, progress)
+    linked = {*records, *_pages(documents, records)}
+    notes = [finding(Code.DOCUMENT_FOREIGN, name) for name in documents if name not in linked]
+    return [*findings, *page_findings(documents, records)], notes
 
 
 def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
@@ -86,20 +77,8 @@ def records_of(documents: Mapping[str, bytes]) -> dict[str, Record]:
 
 def page_findings(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> Iterator[Finding]:
     """Whether each page and PDF is made of one of the records, and says of verdict and identity what that one says."""
-    return _differences(_pages(documents, records), documents, records)
-
-
-def _pages(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> dict[str, str | None]:
-    """Which documents are pages and PDFs of a record, with the hash of that, where they carry one."""
-    made_of = {name: json_sha256(data) for name, data in documents.items() if name not in records}
-    return {name: hash_ for name, hash_ in made_of.items() if hash_ is not None or Path(name).name in (PAGE, PDF)}
-
-
-def _differences(
-    pages: Mapping[str, str | None], documents: Mapping[str, bytes], records: Mapping[str, Record]
-) -> Iterator[Finding]:
     by_hash = {sha256(documents[name]): record for name, record in records.items()}
-    for name, made_of in pages.items():
+    for name, made_of in _pages(documents, records).items():
         if made_of not in by_hash:
             yield finding(Code.OTHER_RECORD, name)
             continue
@@ -108,6 +87,12 @@ def _differences(
                 yield finding(Code.DOCUMENT_DIFFERS, name, fields=", ".join(missing))
         except ValueError as error:
             yield finding(Code.UNREADABLE, name, reason=error)
+
+
+def _pages(documents: Mapping[str, bytes], records: Mapping[str, Record]) -> dict[str, str | None]:
+    """Which documents are pages and PDFs of a record, with the hash of that, where they carry one."""
+    made_of = {name: json_sha256(data) for name, data in documents.items() if name not in records}
+    return {name: hash_ for name, hash_ in made_of.items() if hash_ is not None or Path(name).name in (PAGE, PDF)}
 
 
 def record_findings(name: str, record: Record, weld: Weld) -> Iterator[Finding]:

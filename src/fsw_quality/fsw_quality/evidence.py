@@ -142,7 +142,7 @@ def _draft(
     weld = Weld(bag, manifest, attached(attachments), subject.procedure)
     recorder = None
     try:
-        recorder = recorder_of(bag, policy.trusted or None)
+        recorder = recorder_of(bag, policy.trusted or (() if policy.require_signed else None))
     except EvidenceError as error:
         findings += error.findings
     procedure = weld.procedure
@@ -154,8 +154,8 @@ def _draft(
     findings += weld.findings(METADATA_NAME)
     findings += order_findings(ATTESTATION_NAME, _times(manifest, recorder, now))
     if not findings:  # else no document can be compared
-        check = check_documents(weld, contents, progress)
-        findings, notes = check.findings, notes + check.notes
+        findings, foreign = check_documents(weld, contents, progress)
+        notes += foreign
     if findings:
         raise EvidenceError(*findings)
     return (

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from fsw_analysis import procedure
 from fsw_analysis.procedure import Identity, Procedure, digest
-from fsw_recorder.findings import Code, EvidenceError, finding
-from fsw_recorder.signature import Purpose, Signer, TrustedKey, load_trusted, signature_path, verify_file
+from fsw_recorder.signature import Signer, TrustedKey, load_trusted
 from fsw_schema.models import content_of, read_text, shipped_names, validate
 
 __all__ = ["Identity", "Procedure", "check_signed", "differences", "digest", "load", "path_of", "shipped", "signer_of"]
@@ -39,19 +39,8 @@ def load(source: str | Path) -> Procedure:
 
 
 def signer_of(source: str | Path, trusted: Sequence[TrustedKey] | None, required: bool = False) -> Signer | None:
-    """Who signed the file of a procedure; None where nobody did. Without ``trusted`` keys any will do.
-
-    Raises
-    ------
-    EvidenceError
-        It was changed after it was signed, by a key that does not count, or it is not signed although ``required``.
-    """
-    path = path_of(source)
-    if signature_path(path).exists():
-        return verify_file(path, Purpose.PROCEDURE, trusted)
-    if required:
-        raise EvidenceError(finding(Code.NOT_SIGNED, path))
-    return None
+    """Who signed a procedure that `load` reads; as ``fsw_analysis.procedure.signer_of``."""
+    return procedure.signer_of(path_of(source), trusted, required)
 
 
 def check_signed(source: str | Path, trusted: Sequence[Path], required: bool) -> None:

@@ -334,6 +334,7 @@ def test_a_manifest_that_the_recorder_did_not_sign_is_refused(shop: Shop) -> Non
     make_key(shop.folder / "stranger")
     shop.weld(10, key=shop.folder / "stranger")
     assert shop.refused(10, Policy(trusted)) == [Code.KEY_UNKNOWN]
+    assert Code.KEY_UNKNOWN in shop.refused(10, Policy(require_signed=True)), "without any key that counts"
     shop.weld(11, key=machine)
     soon = datetime.now(UTC) + timedelta(seconds=1)  # the recorder's signature is of now
     attested = shop.attest(11, Policy(trusted), soon)

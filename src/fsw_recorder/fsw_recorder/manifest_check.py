@@ -29,11 +29,10 @@ def unlisted(folder: Path, manifest: Manifest) -> list[Path]:
     )
 
 
-def complete(folder: Path, manifest: Manifest) -> tuple[Manifest, list[Finding]]:
-    """The manifest with the files that it lacks, hashed as they are now, and what there is to say about them."""
+def complete(folder: Path, manifest: Manifest) -> Manifest:
+    """The manifest with the files that it lacks, hashed as they are now."""
     more = [hashed(path.name, mapped(path), "afterwards") for path in unlisted(folder, manifest)]
-    notes = [finding(Code.HASHED_AFTERWARDS, entry.name) for entry in more]
-    return manifest.changed(files=(*manifest.files, *more)) if more else manifest, notes
+    return manifest.changed(files=(*manifest.files, *more))
 
 
 def check_file(path: Path, listed: FileManifest) -> list[Finding]:

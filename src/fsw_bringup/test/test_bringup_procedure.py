@@ -1,0 +1,79 @@
+"""A weld that is launched runs by a procedure that is signed as it has to be."""
+
+import runpy
+import shutil
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from unittest.mock import MagicMock
+
+import pytest
+
+from fsw_quality.procedure import path_of
+from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
+
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "weld.launch.py"
+#: what the launch file imports of ROS 2
+ROS = (
+    *("ament_index_python", "ament_index_python.packages", "launch", "launch.actions", "launch.events"),
+    *("launch.events.process", "launch.logging", "launch.substitutions", "launch_ros", "launch_ros.actions"),
+)
+NOW = datetime(2026, 11, 25, tzinfo=UTC)
+
+
+@pytest.fixture
+def by_procedure(monkeypatch):
+    """What the launch file makes of a procedure, which needs nothing of the launch system."""
+    for name in ROS:
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    return runpy.run_path(str(LAUNCH_FILE))["_by_procedure"]
+
+
+@pytest.fixture
+def lid(tmp_path):
+    for name in ("own", "foreign"):
+        make_key(tmp_path / name)
+    return Path(shutil.copyfile(path_of("copper_lid"), tmp_path / "lid.yaml"))
+
+
+def signed_with(lid, name):
+    text = sign(lid.read_bytes(), lid.name, Purpose.PROCEDURE, load_private(lid.with_name(name)), NOW)
+    signature_path(lid).write_text(text)
+
+
+def launched(by_procedure, lid, **more):
+    """Parameters of the nodes; None where the launch is refused."""
+    arguments = {"procedure": str(lid), "require_signed": "true", "trusted": str(lid.with_name("own.pub"))} | more
+    parameters = {}
+    try:
+        by_procedure(arguments, parameters, {"use_sim_time": True})
+    except RuntimeError:
+        return None
+    return parameters
+
+
+def test_a_procedure_that_nobody_signed_is_refused_where_that_is_demanded(by_procedure, lid):
+    assert launched(by_procedure, lid) is None
+    assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]["ros__parameters"]["use_sim_time"]
+    signed_with(lid, "own")
+    assert "fsw_supervisor" in launched(by_procedure, lid)
+
+
+def test_a_signature_counts_by_a_trusted_key_only(by_procedure, lid):
+    signed_with(lid, "foreign")
+    assert launched(by_procedure, lid) is None
+    assert launched(by_procedure, lid, require_signed="false") is None, "it is signed by somebody who may not"
+    assert launched(by_procedure, lid, trusted="") is None, "anybody can sign with a key that nobody knows"
+    assert launched(by_procedure, lid, trusted="", require_signed="false") is not None
+
+
+def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(by_procedure, lid):
+    signed_with(lid, "own")
+    lid.write_text(lid.read_text().replace("tolerated_s: 0.3", "tolerated_s: 3.0"))
+    assert launched(by_procedure, lid, require_signed="false") is None
+
+
+def test_a_signature_cannot_be_demanded_of_no_procedure(by_procedure, lid):
+    assert launched(by_procedure, lid, procedure="") is None
+    assert launched(by_procedure, lid, procedure="", require_signed="false") == {}
