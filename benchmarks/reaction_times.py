@@ -133,7 +133,8 @@ class _Weld:
         if self._protected:
             decision = self._supervisor.decide(stamp_ns, values, drives, proposals)
             self._applied, source = decision.command, decision.source
-            stopped = decision.reason.words if source == "safe_stop" and not (failed and case.silent) else ""
+            if source == "safe_stop" and not (failed and case.silent):
+                stopped = ", ".join(decision.reason.interlocks) or decision.reason.words
         else:
             one, source = proposals[ACTIVE], ACTIVE
             self._applied = self._limits.clip(one.command if one.healthy else self._applied, self._applied)

@@ -148,7 +148,7 @@ def reaction_table(reactions: Mapping[str, Any]) -> str:
     for row in reactions["rows"]:
         limit = row["limit"].split(" ", 1)
         times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
-        by = re.split(r" is trip|: ", row["by"])[0] or "**no reaction**"
+        by = row["by"] or "**no reaction**"
         peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
         cells = [row["hazard"], row["fault"], limit[1], times[0], by, times[1], peaks]
         lines.append(f"| {' | '.join(cells)} |")

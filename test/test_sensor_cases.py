@@ -1,5 +1,6 @@
 """Sensor faults in the closed loop, by the plant's true values: the weld stops in time, and the cause is named."""
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ def welded(scenario, controller, at_s=FAULT_S, **options):
     reason = signals.command_reason[stops[0]] if stops.size else ""
     return Outcome(
         float(signals.time_s[stops[0]]) - at_s if stops.size else float("nan"),
-        {part.split()[0] for part in reason.split("; ") if " is trip" in part},
+        set(re.findall(r"[a-z]+_[a-z_]+", reason)),
         float(signals.truth.depth_mm[since].max()),
         float(signals.truth.copper_temperature_c[since].max()),
     )

@@ -9,6 +9,7 @@ import pytest
 
 from fsw_control import messages_ros as convert
 from fsw_control.cause import Cause
+from fsw_control.reason import ReasonCode
 
 DEADLINE = "no proposal at the deadline"
 IN_REAL_TIME = (pytest.mark.full, pytest.mark.real_time)
@@ -148,6 +149,6 @@ def test_two_controllers_of_one_name(steps, table):
     weld.ticks(5)
     outcome = weld.outcome(first)
     outcome.assert_steady()
-    weld.until(lambda: "two controllers" in weld.states[-1].reason, "the reason")
+    weld.until(lambda: ReasonCode.NAMESAKE in [why.code for why in weld.states[-1].why], "the reason")
     detected = "different proposals to one stamp, 3 ticks in a row"
     table.add("two controllers of one name", detected, "the first counts, then fallback", outcome)

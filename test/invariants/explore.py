@@ -348,7 +348,9 @@ class Explorer:
         while cell.control < CONTROL_TICKS and key not in self._ticks_to_control:
             keys.append(key)
             if len(keys) > RECOVERY_TICKS:
-                words = f"in {RECOVERY_TICKS} ticks; mode {cell.arbiter.machine.mode}, {cell.arbiter.machine.reason}"
+                words = (
+                    f"in {RECOVERY_TICKS} ticks; mode {cell.arbiter.machine.mode}, {cell.arbiter.machine.reason.words}"
+                )
                 raise BrokenRuleError("a healthy cell returns to control", words)
             cell.heal()
             self.result.transitions += 1

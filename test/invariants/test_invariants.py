@@ -85,7 +85,7 @@ class CellMachine(RuleBasedStateMachine):
             if self.cell.control >= CONTROL_TICKS:
                 return
             self.cell.heal()
-        raise AssertionError(f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason}")
+        raise AssertionError(f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason.words}")
 
 
 TestCell = pytest.mark.slow(CellMachine.TestCase)

@@ -17,6 +17,7 @@ from fsw.operator_node import ask, graph_text, operator
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.diagnostic_names import local_name
+from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
@@ -193,7 +194,8 @@ def source_rows(measured: bool, sources: Collection[str], latest: Mapping[str, A
 def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
     if state is None:
         return [("supervisor", "none")]
-    rows = [("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")]
+    why = Reason.of_messages(state.why).words
+    rows = [("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {why}")]
     if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
         rows.append(("  requested", f"{state.target_mode}, {state.target_controller}"))
     if state.actual_mode == "safe_stop":

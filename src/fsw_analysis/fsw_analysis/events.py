@@ -13,15 +13,16 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
 from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.reason import Reason
 
 STATE: dict[str, Kind] = {
     "actual_controller": "text",
     "actual_mode": "text",
-    "reason": "text",
     "interlocks": "texts",
 }
-#: which older bags lack: their causes are not on record, nor who asked, nor that another supervisor took over
-STATE_ADDED: dict[str, Kind] = {"cause": "number", "who": "text", "leader": "text"}
+#: which older bags lack: their causes are not on record, nor who asked, nor that another supervisor took over; and
+#: words, which they have instead
+STATE_ADDED: dict[str, Kind] = {"cause": "number", "who": "text", "leader": "text", "why": "texts", "reason": "text"}
 PROGRESS: dict[str, Kind] = {
     "state": "text",
     "phase": "text",
@@ -81,8 +82,11 @@ def of_programme_states(states: Iterable[tuple[float, str]]) -> Iterator[WeldEve
 
 def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
     """As :func:`of_states`, from a table of the supervisor's reports."""
-    names = ("actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who")
-    yield from of_states(_in_order(times_s, state, *names))
+    names = ("actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who")
+    yield from of_states(
+        (time_s, (*names_and_levels, Reason.of_messages(why).words or reason, cause, who))
+        for time_s, (*names_and_levels, why, reason, cause, who) in _in_order(times_s, state, *names)
+    )
 
 
 def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:

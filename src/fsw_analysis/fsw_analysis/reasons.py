@@ -12,6 +12,8 @@ FIELDS: dict[str, Kind] = {
     "why.sensors": "texts",
     "why.limit": "number",
     "why.detail": "text",
+    "why.subject": "text",
+    "why.interlocks": "texts",
     "reason": "text",
 }
 
@@ -20,8 +22,10 @@ def reasons(table: Table) -> list[Reason]:
     """The reason of each message; of older bags its words, as those of a controller of its own."""
     columns = (table.column(path).tolist() for path in FIELDS)
     return [
-        _old(words) if code != code else Reason(ReasonCode(int(code)), tuple(sensors), limit_s, detail)
-        for code, sensors, limit_s, detail, words in zip(*columns, strict=True)
+        _old(words)
+        if code != code
+        else Reason(ReasonCode(int(code)), tuple(sensors), limit_s, detail, subject, tuple(interlocks))
+        for code, sensors, limit_s, detail, subject, interlocks, words in zip(*columns, strict=True)
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ from fsw_analysis.messages import Table
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.cause import Cause
 from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.reason import Reason, ReasonCode
 
 ANNA = "anna (3f2a)"
+REQUESTED = SimpleNamespace(**Reason(ReasonCode.REQUESTED, subject="decentral").fields)  # as a message
 
 
 def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
@@ -54,18 +57,18 @@ def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() ->
 def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> None:
     warned, start = ("depth_high:warn",), int(Cause.READY)
     times, state = table(
-        ["actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who"],
-        (0.0, "nmpc", "auto", "a", (), "", start, ""),
-        (1.0, "nmpc", "auto", "a", warned, "", start, ""),
-        (2.0, "decentral", "auto", "a", warned, "asked for", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
-        (2.5, "decentral", "auto", "b", warned, "asked for", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
-        (3.0, "", "safe_stop", "b", ("depth_high:trip",), "depth_high", int(Cause.INTERLOCK_TRIP), ""),
-        (4.0, "nmpc", "auto", "b", (), "", np.nan, ""),
+        ["actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who"],
+        (0.0, "nmpc", "auto", "a", (), (), "", start, ""),
+        (1.0, "nmpc", "auto", "a", warned, (), "", start, ""),
+        (2.0, "decentral", "auto", "a", warned, (REQUESTED,), "", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
+        (2.5, "decentral", "auto", "b", warned, (REQUESTED,), "", int(Cause.SWAP_REQUESTED), "anna (3f2a)"),
+        (3.0, "", "safe_stop", "b", ("depth_high:trip",), (), "depth_high", int(Cause.INTERLOCK_TRIP), ""),
+        (4.0, "nmpc", "auto", "b", (), (), "", np.nan, ""),
     )
     found = list(events.of_state(times, state))
     assert told(found) == [
         (1.0, "interlock", "interlock depth_high:warn"),
-        (2.0, "swap", "decentral commands (anna (3f2a): asked for)"),
+        (2.0, "swap", "decentral commands (anna (3f2a): request for decentral)"),
         (2.5, "takeover", "another supervisor leads"),
         (3.0, "swap", "no controller commands (interlock: depth_high)"),
         (3.0, "mode", "mode safe_stop (interlock: depth_high)"),
@@ -81,9 +84,9 @@ def test_swaps_modes_leaders_and_interlocks_of_the_supervisor_but_not_what_it_be
 def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
     """A failed controller's own words are no request: they turned a review into an acceptance."""
     times, state = table(
-        ["actual_controller", "actual_mode", "leader", "interlocks", "reason", "cause", "who"],
-        (0.0, "nmpc", "auto", "a", (), "", int(Cause.READY), ""),
-        (1.0, "decentral", "auto", "a", (), "no feasible point (start infeasible)", int(Cause.SWAP_FAILED), ""),
+        ["actual_controller", "actual_mode", "leader", "interlocks", "why", "reason", "cause", "who"],
+        (0.0, "nmpc", "auto", "a", (), (), "", int(Cause.READY), ""),
+        (1.0, "decentral", "auto", "a", (), (), "no feasible point (start infeasible)", int(Cause.SWAP_FAILED), ""),
     )
     [swap] = events.of_state(times, state)
     assert not swap.cause.on_request and not swap.cause.at_start

@@ -12,17 +12,19 @@ from fsw_analysis.reasons import FIELDS, reasons
 from fsw_control.reason import Reason, ReasonCode
 
 NEW = Reason(ReasonCode.BLIND, ("depth",), 3.0)
+FAILED = Reason(ReasonCode.FAILED, subject="nmpc")
 
 
 @pytest.mark.parametrize(
     ("row", "reason"),
     [
-        ((9.0, ["depth"], 3.0, "", ""), NEW),
-        ((0.0, [], 0.0, "", ""), Reason()),
-        ((99.0, [], 0.0, "", ""), Reason(ReasonCode.UNKNOWN)),
-        ((np.nan, [], np.nan, "", ""), Reason()),
-        ((np.nan, [], np.nan, "", "no set-point yet"), Reason(ReasonCode.NO_SET_POINT)),
-        ((np.nan, [], np.nan, "", "solver: late"), Reason(ReasonCode.OTHER, detail="solver: late")),
+        ((9.0, ["depth"], 3.0, "", "", [], ""), NEW),
+        ((40.0, [], 0.0, "", "nmpc", [], ""), FAILED),
+        ((0.0, [], 0.0, "", "", [], ""), Reason()),
+        ((99.0, [], 0.0, "", "", [], ""), Reason(ReasonCode.UNKNOWN)),
+        ((np.nan, [], np.nan, "", "", [], ""), Reason()),
+        ((np.nan, [], np.nan, "", "", [], "no set-point yet"), Reason(ReasonCode.NO_SET_POINT)),
+        ((np.nan, [], np.nan, "", "", [], "solver: late"), Reason(ReasonCode.OTHER, detail="solver: late")),
     ],
 )
 def test_reason_of_a_message(row: tuple[Any, ...], reason: Reason) -> None:

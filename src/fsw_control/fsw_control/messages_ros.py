@@ -15,7 +15,7 @@ from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.ranges import set_point_problem
 from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Reason
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
@@ -294,8 +294,12 @@ def mode_request(mode: str, force_kn: float | None = None, speed_rpm: float | No
 
 def reason(message: WeldCommand | ControllerStatus) -> Reason:
     """Why a command must not be applied, or why its source commands."""
-    why = message.why
-    return Reason(ReasonCode(why.code), tuple(why.sensors), float(why.limit), why.detail)
+    return Reason.of_messages([message.why])
+
+
+def chain_messages(reason: Reason) -> list[ReasonMessage]:
+    """A reason, with what led to it, as a chain of messages."""
+    return [ReasonMessage(**item.fields) for item in reason.chain]
 
 
 def reason_message(given: Reason | str) -> ReasonMessage:
@@ -305,4 +309,10 @@ def reason_message(given: Reason | str) -> ReasonMessage:
 
 def readiness(message: ControllerHealth) -> Readiness:
     """What a controller lacks, as the supervisor tells it."""
-    return Readiness(Lack(message.lack), message.detail, tuple(message.missing_sensors))
+    return Readiness(
+        Lack(message.lack),
+        Reason.of_messages(message.why),
+        tuple(message.missing_sensors),
+        message.consecutive_good,
+        message.required_good,
+    )

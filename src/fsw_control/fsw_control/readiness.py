@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
+from fsw_control.reason import Reason
+
 
 class Lack(IntEnum):
     """What keeps a controller from being selected; numbered as in ``ControllerHealth.msg``."""
@@ -26,11 +28,11 @@ class Lack(IntEnum):
 #: what is said of the controller, and why
 _WORDS = {
     Lack.UNKNOWN: ("", "is unknown"),
-    Lack.INHIBITED: ("is inhibited: ", "{detail}"),
+    Lack.INHIBITED: ("is inhibited: ", "{why}"),
     Lack.AMBIGUOUS: ("is ambiguous: ", "two controllers of this name propose"),
-    Lack.UNUSABLE: ("is not usable: ", "{detail}"),
+    Lack.UNUSABLE: ("is not usable: ", "{why}"),
     Lack.LEFT: ("", "has left the graph"),
-    Lack.WARMING: ("is not ready: ", "{detail} good proposals in a row"),
+    Lack.WARMING: ("is not ready: ", "{good} of {required} good proposals in a row"),
     Lack.BLIND: ("", "requires the sensor {sensors}"),
 }
 
@@ -39,16 +41,20 @@ class Readiness(NamedTuple):
     """What a controller lacks: nothing, if it may be selected."""
 
     lack: Lack = Lack.NONE
-    #: of the inhibited and the unusable why, of those that warm up how far
-    detail: str = ""
+    reason: Reason = Reason()  #: of the inhibited and the unusable
     sensors: tuple[str, ...] = ()  #: that a blind one requires
+    good: int = 0  #: good proposals in a row
+    required: int = 0  #: how many of them make it ready
 
     @property
     def why(self) -> str:
         """What it lacks, in words without its name; empty if it lacks nothing."""
         if self.lack is Lack.NONE:
             return ""
-        return _WORDS[self.lack][1].format(detail=self.detail, sensors=", ".join(self.sensors))
+        sensors = ", ".join(self.sensors)
+        return _WORDS[self.lack][1].format(
+            why=self.reason.words, sensors=sensors, good=self.good, required=self.required
+        )
 
     def words(self, name: str) -> str:
         """What ``name`` lacks; empty if it lacks nothing."""

@@ -1,10 +1,11 @@
-"""Why a command must not be applied, or why its source commands: an enum with its arguments.
+"""Why a command must not be applied, or why the supervisor is in its state: an enum with its arguments.
 
 The words that people read are made here, from one table, and nowhere read again.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from fsw_control.coded import Coded
@@ -29,12 +30,39 @@ class ReasonCode(Coded):
     FORCE_HELD = 13
     OVERFLOW = 14
     HORIZON = 15
-    STATE = 20
     SLEWING = 21
     FOREIGN = 22
     INCOMPLETE = 23
     NO_SAMPLES = 24
     STALLED = 25
+    NO_MEASUREMENT = 30
+    COMMAND_UNKNOWN = 31
+    WAITING_FOR_CONTROLLER = 32
+    ACTIVE_BEFORE = 33
+    CONFIGURED = 34
+    SUBSTITUTED = 35
+    ABANDONED = 36
+    GAP = 37
+    REQUESTED = 38
+    REQUESTED_BEFORE = 39
+    FAILED = 40
+    NO_FALLBACK = 41
+    STORM = 42
+    READY_AGAIN = 43
+    TIMEOUT = 44
+    STOPPED_BEFORE = 45
+    STOP_HEARD = 46
+    INTERLOCKS = 47
+    CLOCK_STOPPED = 48
+    NO_PROPOSAL = 50
+    NO_PROPOSAL_YET = 51
+    LATE = 52
+    OUTDATED = 53
+    OTHER_SOURCE = 54
+    UNHEALTHY = 55
+    NAMESAKE = 56
+    UNKNOWN_CONTROLLER = 57
+    SENSOR_REQUIRED = 58
     UNKNOWN = 255
 
 
@@ -55,12 +83,39 @@ _WORDS = {
     ReasonCode.FORCE_HELD: "no valid {sensors}, force held",
     ReasonCode.OVERFLOW: "samples beyond all range, loops start again",
     ReasonCode.HORIZON: "another horizon cannot be made: {detail}",
-    ReasonCode.STATE: "{detail}",
     ReasonCode.SLEWING: "slewing after a swap",
     ReasonCode.FOREIGN: "the controller has followed a foreign command",
     ReasonCode.INCOMPLETE: "the measurement lacks {sensors}",
     ReasonCode.NO_SAMPLES: "only the drives' feedback has arrived, no sensor sample",
     ReasonCode.STALLED: "the arbiter was stalled",
+    ReasonCode.NO_MEASUREMENT: "starting: waiting for measurements",
+    ReasonCode.COMMAND_UNKNOWN: "starting: the command in force is not known yet",
+    ReasonCode.WAITING_FOR_CONTROLLER: "starting: waiting for {subject}",
+    ReasonCode.ACTIVE_BEFORE: "{subject} was active before",
+    ReasonCode.CONFIGURED: "{subject} is configured to start with",
+    ReasonCode.SUBSTITUTED: "{subject} has no usable proposal, a fallback has",
+    ReasonCode.ABANDONED: "{subject} was active before and has no usable proposal",
+    ReasonCode.GAP: "measurements are back after a gap",
+    ReasonCode.REQUESTED: "request for {subject}",
+    ReasonCode.REQUESTED_BEFORE: "{subject} was requested of the leader before",
+    ReasonCode.FAILED: "{subject} failed",
+    ReasonCode.NO_FALLBACK: "no fallback is ready",
+    ReasonCode.STORM: "too many swaps in {limit_s:g} s",
+    ReasonCode.READY_AGAIN: "{subject} is ready again",
+    ReasonCode.TIMEOUT: "{subject} for {limit_s:g} s",
+    ReasonCode.STOPPED_BEFORE: "a safe stop was in force before the restart",
+    ReasonCode.STOP_HEARD: "a safe stop is in force: {subject}",
+    ReasonCode.INTERLOCKS: "interlock tripped: {interlocks}",
+    ReasonCode.CLOCK_STOPPED: "measurements arrive, but their stamps have not advanced for {limit_s:g} s",
+    ReasonCode.NO_PROPOSAL: "no proposal at the deadline",
+    ReasonCode.NO_PROPOSAL_YET: "no proposal yet",
+    ReasonCode.LATE: "late: {limit_ms:.0f} ms after the measurement",
+    ReasonCode.OUTDATED: "late: answers a measurement {limit_ms:.0f} ms older than the last",
+    ReasonCode.OTHER_SOURCE: "proposal names the source {subject!r}",
+    ReasonCode.UNHEALTHY: "the controller says it is unhealthy, without a reason",
+    ReasonCode.NAMESAKE: "two controllers of this name propose",
+    ReasonCode.UNKNOWN_CONTROLLER: "it is unknown",
+    ReasonCode.SENSOR_REQUIRED: "requires the sensor {sensors}",
     ReasonCode.UNKNOWN: "reason not on record",
 }
 
@@ -70,21 +125,65 @@ class Reason(NamedTuple):
 
     code: ReasonCode = ReasonCode.NONE
     sensors: tuple[str, ...] = ()  #: of ``fsw_control.contract.SENSORS``, where it is about sensors
-    limit_s: float = 0.0  #: time that was exceeded
-    detail: str = ""  #: for people: an error, a status or a state in words
+    limit_s: float = 0.0  #: time that was exceeded, or that something took
+    detail: str = ""  #: what other software says: an error or a solver's status, or the check of a command
+    subject: str = ""  #: a controller, a mode or a cause, by name
+    interlocks: tuple[str, ...] = ()  #: by name, where it is about interlocks
+    because: Reason | None = None  #: what led to it
 
     def __bool__(self) -> bool:
         return self.code is not ReasonCode.NONE
 
     @property
     def words(self) -> str:
-        """The reason in words; empty when there is nothing to explain."""
-        return _WORDS[self.code].format(sensors=", ".join(self.sensors), limit_s=self.limit_s, detail=self.detail)
+        """The reason in words, with what led to it; empty when there is nothing to explain."""
+        own = _WORDS[self.code].format(
+            sensors=", ".join(self.sensors),
+            interlocks=", ".join(self.interlocks),
+            limit_s=self.limit_s,
+            limit_ms=1e3 * self.limit_s,
+            detail=self.detail,
+            subject=self.subject,
+        )
+        return f"{own}: {self.because.words}" if self.because else own
+
+    @property
+    def head(self) -> Reason:
+        """The reason without what led to it."""
+        return self._replace(because=None)
+
+    @property
+    def chain(self) -> list[Reason]:
+        """The reason and what led to it, each without the next; empty when there is nothing to explain."""
+        return [self.head, *(self.because.chain if self.because else ())] if self else []
+
+    @classmethod
+    def of_messages(cls, chain: Sequence[Any]) -> Reason:
+        """The reason of a list of ``Reason.msg``, each of which explains the one before."""
+        if not chain:
+            return cls()
+        head, because = chain[0], cls.of_messages(chain[1:])
+        return cls(
+            ReasonCode(head.code),
+            tuple(head.sensors),
+            float(head.limit),
+            head.detail,
+            head.subject,
+            tuple(head.interlocks),
+            because or None,
+        )
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The fields of ``Reason.msg``."""
-        return {"code": int(self.code), "sensors": list(self.sensors), "limit": self.limit_s, "detail": self.detail}
+        """The fields of ``Reason.msg``, which do not have what led to it."""
+        return {
+            "code": int(self.code),
+            "subject": self.subject,
+            "sensors": list(self.sensors),
+            "interlocks": list(self.interlocks),
+            "limit": self.limit_s,
+            "detail": self.detail,
+        }
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:

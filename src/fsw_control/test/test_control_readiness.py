@@ -9,6 +9,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.readiness import Lack, Readiness
+from fsw_control.reason import Reason
 
 MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 
@@ -18,10 +19,15 @@ MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
     [
         (Readiness(), "", ""),
         (Readiness(Lack.UNKNOWN), "is unknown", "nmpc is unknown"),
-        (Readiness(Lack.INHIBITED, "late"), "late", "nmpc is inhibited: late"),
-        (Readiness(Lack.UNUSABLE, "late"), "late", "nmpc is not usable: late"),
+        (Readiness(Lack.INHIBITED, Reason.of("late")), "late", "nmpc is inhibited: late"),
+        (Readiness(Lack.UNUSABLE, Reason.of("late")), "late", "nmpc is not usable: late"),
+        (
+            Readiness(Lack.WARMING, good=2, required=5),
+            "2 of 5 good proposals in a row",
+            "nmpc is not ready: 2 of 5 good proposals in a row",
+        ),
         (Readiness(Lack.BLIND, sensors=("depth", "torque")), "requires the sensor depth, torque", None),
-        (Readiness(Lack.INHIBITED, "{detail} {0}"), "{detail} {0}", "nmpc is inhibited: {detail} {0}"),
+        (Readiness(Lack.INHIBITED, Reason.of("{detail} {0}")), "{detail} {0}", "nmpc is inhibited: {detail} {0}"),
     ],
 )
 def test_words(given: Readiness, why: str, words: str | None) -> None:
@@ -31,7 +37,7 @@ def test_words(given: Readiness, why: str, words: str | None) -> None:
 
 @pytest.mark.parametrize("kind", list(Lack))
 def test_every_lack_has_words(kind: Lack) -> None:
-    assert bool(Readiness(kind, "x").words("nmpc")) == (kind is not Lack.NONE)
+    assert bool(Readiness(kind, Reason.of("x")).words("nmpc")) == (kind is not Lack.NONE)
 
 
 @pytest.mark.parametrize("kind", list(Cause))

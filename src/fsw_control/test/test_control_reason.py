@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from enum import IntEnum
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -29,6 +30,17 @@ def test_words_of_a_controller_are_its_own() -> None:
     assert Reason.of("no depth").words == "no depth" and not Reason.of("")
     reason = Reason(ReasonCode.OVERFLOW)
     assert Reason.of(reason) is reason
+
+
+def test_a_reason_says_what_led_to_it_and_travels_as_a_chain() -> None:
+    lost = Reason(ReasonCode.INVALID_SENSOR, ("depth",))
+    failed = Reason(ReasonCode.FAILED, subject="nmpc", because=lost)
+    held = Reason(ReasonCode.TIMEOUT, limit_s=30.0, subject="hold", because=failed)
+    assert held.words == "hold for 30 s: nmpc failed: invalid sensor: depth"
+    assert held.chain == [held.head, failed.head, lost] and held.head.because is None
+    messages = [SimpleNamespace(**item.fields) for item in held.chain]
+    assert Reason.of_messages(messages) == held
+    assert Reason.of_messages([]) == Reason() and Reason().chain == []
 
 
 @pytest.mark.parametrize(

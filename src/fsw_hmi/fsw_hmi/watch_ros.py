@@ -19,6 +19,7 @@ from fsw_control import units
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command, Reference
 from fsw_control.diagnostic_names import local_name
+from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
@@ -36,11 +37,11 @@ _MOST_PARTS = 400
 _SHOWN_PARTS = 200
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
-_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason")
+_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode")
 _MOST_CONTROLLERS = 20
 #: before the supervisor has reported
 NO_STATE: dict[str, Any] = {
-    **dict.fromkeys(_WORDS, ""),
+    **dict.fromkeys((*_WORDS, "reason"), ""),
     **{"controllers": [], "interlocks": [], "acknowledged": False},
 }
 #: what can be a part of a topic's name
@@ -217,6 +218,7 @@ def _state(message: SupervisorState) -> dict[str, Any]:
     cause = Cause(message.cause)
     return {
         **{name: readable(getattr(message, name)) for name in _WORDS},
+        "reason": readable(Reason.of_messages(message.why).words),
         "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [readable(one) for one in message.interlocks[:_MOST_CONTROLLERS]],
         "cause": cause,

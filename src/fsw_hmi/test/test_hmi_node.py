@@ -33,6 +33,7 @@ from fsw_msgs.msg import (
     DriveFeedback,
     OperatorAction,
     Prediction,
+    Reason,
     ShoulderDepth,
     SpindleTorque,
     SupervisorState,
@@ -444,14 +445,19 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
     odd = ["näme/x", "a b", "1st", "x" * 300, "ends_", "", "{why}", "tab\t"]
     health = [
-        ControllerHealth(name=name, lack=ControllerHealth.INHIBITED, detail=f"{name} is late", latched_out=True)
+        ControllerHealth(
+            name=name,
+            lack=ControllerHealth.INHIBITED,
+            why=[Reason(code=Reason.OTHER, detail="{why}")],
+            latched_out=True,
+        )
         for name in odd * 10
     ]
     graph.states.publish(
         SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
     )
     page.seen("state", lambda frame: len(frame["controllers"]) == 20)
-    broken = serialize_message(SupervisorState(reason="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
+    broken = serialize_message(SupervisorState(who="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
     graph.states.publish(broken)
     flood = [
         DiagnosticStatus(name=f"rogue{i}: {name}", level=DiagnosticStatus.ERROR, message=name)

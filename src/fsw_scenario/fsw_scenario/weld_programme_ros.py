@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
+from fsw_control.reason import Reason
 from fsw_control.topics_ros import LATEST, REPLACED
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import SetMode
@@ -45,7 +46,7 @@ class SafeStop:
         def on_state(message: SupervisorState) -> None:
             self.controller = message.actual_controller
             if message.actual_mode == Mode.SAFE_STOP and abort()[0]:
-                self.answer = f"safe stop by the supervisor: {message.reason}"
+                self.answer = f"safe stop by the supervisor: {Reason.of_messages(message.why).words}"
 
         self._states = self._node.create_subscription(SupervisorState, "fsw/supervisor/state", on_state, LATEST)
 

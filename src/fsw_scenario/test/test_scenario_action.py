@@ -12,7 +12,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_msgs.action import RunWeld
-from fsw_msgs.msg import SupervisorState, WeldCommand
+from fsw_msgs.msg import Reason, SupervisorState, WeldCommand
 from fsw_msgs.srv import SetDisturbance, SetMode
 from fsw_test_support.player_graph import PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S
@@ -167,7 +167,9 @@ def test_a_cancelled_weld_is_canceling_until_the_safe_stop_and_a_new_one_may_fol
 def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
     handle = caller.begin(content)
     caller.tick()
-    caller.states.publish(SupervisorState(actual_mode="safe_stop", reason="an interlock"))
+    caller.states.publish(
+        SupervisorState(actual_mode="safe_stop", why=[Reason(code=Reason.OTHER, detail="an interlock")])
+    )
     answer = caller.result(handle)
     assert (answer.status, answer.result.verdict) == (GoalStatus.STATUS_ABORTED, "aborted")
     assert answer.result.message.endswith("safe stop by the supervisor: an interlock")

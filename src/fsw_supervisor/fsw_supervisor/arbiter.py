@@ -25,6 +25,7 @@ from fsw_control.cause import Cause
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import LOST_COMMANDS, ActuatorState
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
@@ -163,7 +164,7 @@ class Arbiter:
         Before the first command, sent here or by a leader, it can only be a command of the supervisor before.
         """
         if source == Mode.SAFE_STOP and self.ticks.last is None:
-            self.machine.fire(Cause.RESTARTED, "a safe stop was in force before the restart", "start")
+            self.machine.fire(Cause.RESTARTED, Reason(ReasonCode.STOPPED_BEFORE), "start")
 
     def on_actuator(self, state: ActuatorState) -> None:
         """Take what the actuator end reports with a measurement: it remembers what supervisors before this one did."""
@@ -201,7 +202,7 @@ class Arbiter:
             self.machine.mirror(source)
 
     def follow_operator(
-        self, controller: str, mode: str, inhibited: Mapping[str, str], actual: Standing | None = None
+        self, controller: str, mode: str, inhibited: Mapping[str, Reason], actual: Standing | None = None
     ) -> None:
         """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
 
@@ -227,7 +228,8 @@ class Arbiter:
         """Be in the mode that was requested of another leader, which may have sent no command since."""
         target = self.machine.target_mode
         if target not in (Mode.AUTO, Mode.SAFE_STOP):  # a safe stop is in the register
-            self.machine.fire(OPERATOR_TRIGGERS[target], f"{target} was requested of the leader before", "operator")
+            reason = Reason(ReasonCode.REQUESTED_BEFORE, subject=str(target))
+            self.machine.fire(OPERATOR_TRIGGERS[target], reason, "operator")
 
     def step_down(self, reason: str) -> None:
         """Send nothing from now on, nor what was decided last."""

@@ -61,11 +61,11 @@ class Arbitration:
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
-                machine.fire(Cause.CONTROLLER_BACK, f"{name} is ready again", "failover", name)
+                machine.fire(Cause.CONTROLLER_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover", name)
         elif machine.mode is Mode.AUTO and settings.return_to_target and machine.active != machine.target:
             name = machine.target
             if not self.operator.waiting and not self.registry.why_not_ready(name) and not machine.storming():
-                machine.swap(name, Cause.SWAP_BACK, f"{name} is ready again", "failover")
+                machine.swap(name, Cause.SWAP_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover")
         self._time_out()
 
     def _time_out(self) -> None:
@@ -80,11 +80,13 @@ class Arbitration:
             limit_s = settings.operator_hold_timeout_s if by_operator else settings.hold_timeout_s
         elif machine.mode is Mode.MANUAL and self.safety.blind_since_ns is not None:
             trigger, limit_s = Cause.BLIND_TIMEOUT, settings.operator_hold_timeout_s
-            since_ns, why = max(since_ns, self.safety.blind_since_ns), self.safety.blind
+            since_ns = max(since_ns, self.safety.blind_since_ns)
+            why = Reason(ReasonCode.INVALID_SENSOR, self.safety.invalid_sensors)
         else:
             return
         if machine.elapsed(since_ns, limit_s):
-            machine.fire(trigger, f"{machine.mode} for {limit_s:g} s: {why}", "failover")
+            reason = Reason(ReasonCode.TIMEOUT, limit_s=limit_s, subject=str(machine.mode), because=why)
+            machine.fire(trigger, reason, "failover")
 
     # ---------------------------------------------------------------- the decision
 
@@ -101,7 +103,7 @@ class Arbitration:
             return
         if self.in_force.applied is None and not self.start_up.find_command(tick, now_s, final):
             if final:
-                self.machine.explain("starting: the command in force is not known yet")
+                self.machine.explain(Reason(ReasonCode.COMMAND_UNKNOWN))
                 tick.settle()
             return
         if not self.start_up.may_command(tick, now_s, final):
@@ -111,7 +113,7 @@ class Arbitration:
                 self.in_force.forget()
             return
         if self.machine.mode is Mode.START and (reason := self.start_up.decide(tick, final)):
-            self._hold(tick, Reason(ReasonCode.STATE, detail=reason))
+            self._hold(tick, reason.head)
         if self.machine.mode is Mode.AUTO and not tick.settled:
             self._decide_auto(tick, final)
         if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.settled:
@@ -155,9 +157,9 @@ class Arbitration:
         name = machine.active
         candidate, record = tick.candidates.get(name), self.registry.get(name)
         if record is None:
-            self._fail(tick, "it is unknown", inhibit=False)
+            self._fail(tick, Reason(ReasonCode.UNKNOWN_CONTROLLER), inhibit=False)
         elif record.conflicts >= machine.settings.duplicate_ticks:
-            self._fail(tick, "two controllers of this name propose", inhibit=True)
+            self._fail(tick, Reason(ReasonCode.NAMESAKE), inhibit=True)
         elif blind := self.registry.blind(name):
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
@@ -170,7 +172,7 @@ class Arbitration:
         elif final and (excuse := tick.excuse or self._partial_measurement(tick)):
             self._hold(tick, excuse, excuse)
         elif final:
-            self._fail(tick, "no proposal at the deadline", inhibit=True)
+            self._fail(tick, Reason(ReasonCode.NO_PROPOSAL), inhibit=True)
 
     def _partial_measurement(self, tick: Tick) -> Reason:
         """Which samples may not have reached the controllers, too; never for two ticks in a row."""
@@ -179,19 +181,19 @@ class Arbitration:
         self._excused_tick = self.machine.tick
         return Reason(ReasonCode.INCOMPLETE, tick.dropouts)
 
-    def _fail(self, tick: Tick, reason: str, inhibit: bool) -> None:
+    def _fail(self, tick: Tick, reason: Reason, inhibit: bool) -> None:
         name = self.machine.active
-        tick.failure = f"{name} failed: {reason}"
+        tick.failure = Reason(ReasonCode.FAILED, subject=name, because=reason)
         record = self.registry.get(name)
         if record is not None and inhibit:
             record.inhibit(reason)
-        self.machine.log(Level.ERROR, "failover", tick.failure)
-        self.operator.failed(name, tick.failure)
+        self.machine.log(Level.ERROR, "failover", tick.failure.words)
+        self.operator.failed(name, tick.failure.words)
 
     def _fall_back(self, tick: Tick, final: bool) -> None:
         machine, settings = self.machine, self.machine.settings
         if machine.storming():
-            reason = f"too many swaps in {settings.storm_window_s:g} s; {tick.failure}"
+            reason = Reason(ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure)
             machine.fire(Cause.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
@@ -209,7 +211,7 @@ class Arbitration:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
                 self._follow(tick, candidate.command)
                 return
-        machine.fire(Cause.NO_CONTROLLER, f"{tick.failure}; no fallback is ready", "failover")
+        machine.fire(Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK, because=tick.failure), "failover")
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal; just after a swap within the transition limits."""
@@ -239,7 +241,7 @@ class Arbitration:
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             wanted = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
-        self._commit(tick, wanted, str(machine.mode), Reason(ReasonCode.STATE, detail=machine.reason))
+        self._commit(tick, wanted, str(machine.mode), machine.reason.head)
 
     def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> None:
         assert self.in_force.applied is not None

@@ -11,6 +11,8 @@ from fsw_control.contract import BUILT_IN_SOURCES, SENSORS
 from fsw_control.fence import UNKNOWN
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.readiness import Lack, Readiness
+from fsw_control.reason import Reason, ReasonCode
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
@@ -38,8 +40,8 @@ class ControllerRecord:
 
     name: str
     present: bool = False  #: in the graph
-    inhibited: str = ""  #: why it failed while active; empty when it may be selected
-    problem: str = ""  #: why its last tick was not good; empty when it was
+    inhibited: Reason = Reason()  # noqa: RUF009  #: why it failed while active; none when it may be selected
+    problem: Reason = Reason()  # noqa: RUF009  #: why its last tick was not good; none when it was
     consecutive_good: int = 0  #: good proposals in a row
     missed: int = 0  #: ticks without a proposal at the deadline
     late: int = 0  #: proposals after the deadline
@@ -54,12 +56,12 @@ class ControllerRecord:
     early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not arrived yet
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_LATENCIES))
 
-    def bad(self, problem: str) -> None:
+    def bad(self, problem: Reason) -> None:
         """Note a tick that was not good."""
         self.consecutive_good = 0
         self.problem = problem
 
-    def inhibit(self, reason: str) -> None:
+    def inhibit(self, reason: Reason) -> None:
         """Note that it failed while active: it may not be selected until it is readmitted."""
         self.inhibited = reason
         self.bad(reason)
@@ -110,7 +112,7 @@ class ControllerRegistry:
         if not record.present and not record.consecutive_good:
             return Readiness(Lack.LEFT)
         if record.consecutive_good < settings.warm_ticks:
-            return Readiness(Lack.WARMING, f"{record.consecutive_good} of {settings.warm_ticks}")
+            return Readiness(Lack.WARMING, good=record.consecutive_good, required=settings.warm_ticks)
         return self.sight(name)
 
     def why_not_ready(self, name: str) -> str:
@@ -123,9 +125,10 @@ class ControllerRegistry:
         needed = tuple(sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated)
         return Readiness(Lack.BLIND, sensors=needed) if needed else Readiness()
 
-    def blind(self, name: str) -> str:
-        """Which invalid sensor controller ``name`` requires, in words; empty when there is none."""
-        return self.sight(name).words(name)
+    def blind(self, name: str) -> Reason:
+        """Which invalid sensors controller ``name`` requires; none when there are none."""
+        sensors = self.sight(name).sensors
+        return Reason(ReasonCode.SENSOR_REQUIRED, sensors) if sensors else Reason()
 
     def all_ready(self) -> frozenset[str]:
         """Controllers that may be selected now."""
@@ -162,10 +165,10 @@ class ControllerRegistry:
             record.status_seen = True
         return record is not None
 
-    def mirror_inhibitions(self, reasons: Mapping[str, str]) -> None:
+    def mirror_inhibitions(self, reasons: Mapping[str, Reason]) -> None:
         """Inhibit exactly those that another supervisor has inhibited, for its reasons."""
         for record in self:
-            record.inhibited = reasons.get(record.name, "")
+            record.inhibited = reasons.get(record.name, Reason())
 
     def readmit_all(self, who: str) -> None:
         """Readmit all inhibited controllers."""
@@ -240,7 +243,7 @@ class ControllerRegistry:
         if record.consecutive_good:
             self._machine.log(Level.WARN, record.name, f"controller {record.name} has not proposed in time")
         if record.consecutive_good or not record.problem:
-            record.bad("no proposal at the deadline")
+            record.bad(Reason(ReasonCode.NO_PROPOSAL))
 
     def _take_present(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick, now_s: float) -> None:
         if record.last_stamp_ns == tick.stamp_ns:
@@ -257,7 +260,7 @@ class ControllerRegistry:
         record.latencies_s.append(latency_s)
         if now_s > tick.deadline_s and not self._lockstep:
             record.late += 1
-            record.bad(f"late: {latency_s * 1e3:.0f} ms after the measurement")
+            record.bad(Reason(ReasonCode.LATE, limit_s=latency_s))
             return
         tick.candidates[record.name] = candidate = self._check(record, proposal, tick)
         self._count(record, candidate)
@@ -274,8 +277,7 @@ class ControllerRegistry:
             return
         record.late += 1
         if past is None or not past.excuse:
-            age_ms = (tick.stamp_ns - proposal.stamp_ns) * 1e-6
-            record.bad(f"late: answers a measurement {age_ms:.0f} ms older than the last")
+            record.bad(Reason(ReasonCode.OUTDATED, limit_s=(tick.stamp_ns - proposal.stamp_ns) / NANOSECONDS))
 
     def _check(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> Candidate:
         return check(record.name, proposal, tick.previous, self._machine.settings.limits)
@@ -287,14 +289,14 @@ class ControllerRegistry:
             if candidate.malformed:
                 record.rejected += 1
             if record.consecutive_good or not record.problem:
-                machine.log(Level.WARN, record.name, f"proposal of {record.name} refused: {candidate.refusal}")
+                machine.log(Level.WARN, record.name, f"proposal of {record.name} refused: {candidate.refusal.words}")
             record.bad(candidate.refusal)
             return
         record.consecutive_good += 1
         record.silent_ticks = 0
-        record.problem = ""
+        record.problem = Reason()
         if record.consecutive_good == machine.settings.warm_ticks and not record.inhibited:
             machine.log(Level.INFO, record.name, f"controller {record.name} is ready")
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
-            record.inhibited = ""
+            record.inhibited = Reason()
             machine.log(Level.INFO, record.name, f"controller {record.name} is readmitted after good shadow ticks")

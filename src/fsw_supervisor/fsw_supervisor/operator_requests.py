@@ -9,6 +9,7 @@ from math import isfinite, nan
 from fsw_control.cause import Cause
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
@@ -119,7 +120,7 @@ class OperatorRequests:
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO:
             self.drop(f"the mode has become {wanted}")
-        machine.fire(OPERATOR_TRIGGERS[wanted], f"{who} asked for {wanted}", who, controller)
+        machine.fire(OPERATOR_TRIGGERS[wanted], Reason(ReasonCode.REQUESTED, subject=str(wanted)), who, controller)
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
 
     def acknowledge(self, who: str) -> tuple[bool, str]:
@@ -154,7 +155,7 @@ class OperatorRequests:
         if why_not and (request.strict or request.done):
             self.drop(f"{why_not}")
         elif not why_not and request.name != machine.active:
-            reason = f"{request.who} asked for {request.name}"
+            reason = Reason(ReasonCode.REQUESTED, subject=request.name)
             machine.swap(request.name, Cause.SWAP_REQUESTED, reason, request.who)
             self._swapped_ns = machine.time_ns
 

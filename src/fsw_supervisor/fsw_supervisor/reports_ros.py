@@ -45,9 +45,10 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
         latched_out=bool(record.inhibited),
         tolerated_sensors=list(record.tolerated_sensors),
         lack=readiness.lack,
-        detail=readiness.detail,
+        why=convert.chain_messages(readiness.reason),
         missing_sensors=list(readiness.sensors),
         consecutive_good=record.consecutive_good,
+        required_good=arbiter.settings.warm_ticks,
         missed=record.missed,
         late=record.late,
         rejected=record.rejected,
@@ -66,7 +67,7 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
         actual_controller=standing.controller,
         target_mode=str(machine.target_mode),
         actual_mode=standing.mode,
-        reason=standing.reason,
+        why=convert.chain_messages(standing.reason),
         cause=standing.cause,
         who=standing.who,
         since=convert.stamp_from_ns(machine.since_ns),
@@ -121,7 +122,7 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
         "fallbacks not in the graph": ", ".join(absent),
         "last latency [ms]": f"{latency_ms:.3f}",
     }
-    return Report("arbiter", level, f"{text}: {machine.reason}", values)
+    return Report("arbiter", level, f"{text}: {machine.reason.words}", values)
 
 
 def _writer_status(arbiter: Arbiter, writers: int) -> Report:

@@ -19,6 +19,7 @@ from fsw_control import weld
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
@@ -194,11 +195,6 @@ class SafetyMonitor:
         """Names of the tripped interlocks, jumps and blindness."""
         return (*(name for name, level in self._levels.items() if level is Severity.TRIP), *self._standing)
 
-    @property
-    def causes(self) -> str:
-        """The tripped interlocks with the values at which they tripped, in words."""
-        return self._words(self.tripped)
-
     def _words(self, tripped: Iterable[str]) -> str:
         return "; ".join((self._causes | self._standing)[name] for name in tripped)
 
@@ -215,12 +211,8 @@ class SafetyMonitor:
         stopped = self._machine.mode is Mode.SAFE_STOP
         return f"{blind}, so it is unknown whether the cause is gone" if stopped and blind else ""
 
-    @property
-    def blind(self) -> str:
+    def _blind(self, but: tuple[str, ...]) -> str:
         """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
-        return self._blind()
-
-    def _blind(self, but: tuple[str, ...] = ()) -> str:
         if not self._judged:
             return "nothing has been measured yet"
         invalid = (name for name in self.invalid_sensors if name not in but)
@@ -324,7 +316,8 @@ class SafetyMonitor:
             if self._machine.acknowledged:
                 self._machine.renew(StopCause.INTERLOCK, "interlock")
         else:
-            self._machine.fire(Cause.INTERLOCK_TRIP, self.causes, "interlock")
+            reason = Reason(ReasonCode.INTERLOCKS, interlocks=self.tripped)
+            self._machine.fire(Cause.INTERLOCK_TRIP, reason, "interlock")
 
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""

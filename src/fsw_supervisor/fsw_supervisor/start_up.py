@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.operator_requests import OperatorRequests
@@ -114,34 +115,36 @@ class StartUp:
 
     # ---------------------------------------------------------------- the mode start
 
-    def decide(self, tick: Tick, final: bool) -> str:
+    def decide(self, tick: Tick, final: bool) -> Reason:
         """Begin with the controller that was active before, else with the configured one.
 
-        Returns why the tick's command is held instead; empty when the mode has changed, or nothing is decided yet.
+        Returns why the tick's command is held instead; none when the mode has changed, or nothing is decided yet.
         """
         machine, name = self._machine, self.controller
         if not final and name not in tick.candidates:
-            return ""
+            return Reason()
         self._correct_command(tick)
         candidate = tick.candidates.get(name)
-        why_not = "no proposal yet" if candidate is None else candidate.refusal or self._registry.blind(name)
+        why_not = Reason(ReasonCode.NO_PROPOSAL_YET)
+        if candidate is not None:
+            why_not = candidate.refusal or self._registry.blind(name)
         if not why_not:
-            reason = f"{name} was active before" if self.was_active else f"{name} is configured to start with"
+            code = ReasonCode.ACTIVE_BEFORE if self.was_active else ReasonCode.CONFIGURED
             if self._in_force.before_first:  # after a gap the target is known, and stays though a fallback was active
                 machine.set_target(name)
             self.was_active = ""
-            machine.fire(Cause.READY, reason, "start", name)
-            return ""
+            machine.fire(Cause.READY, Reason(code, subject=name), "start", name)
+            return Reason()
         if not tick.excuse:
             # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
             if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
                 self.was_active = ""
-                machine.fire(Cause.ABANDONED, f"{name} was active before and has no usable proposal", "start")
-                return ""
+                machine.fire(Cause.ABANDONED, Reason(ReasonCode.ABANDONED, subject=name), "start")
+                return Reason()
             if not self.was_active and (substitute := self._substitute(tick)):
-                machine.fire(Cause.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
-                return ""
-        machine.explain(f"starting: waiting for {name}: {why_not}")
+                machine.fire(Cause.READY, Reason(ReasonCode.SUBSTITUTED, subject=name), "start", substitute)
+                return Reason()
+        machine.explain(Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject=name, because=why_not))
         return machine.reason
 
     def _correct_command(self, tick: Tick) -> None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from fsw_control.cause import Cause
 from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.settings import ArbiterSettings
@@ -109,7 +110,7 @@ class Standing(NamedTuple):
     mode: str
     controller: str
     cause: Cause
-    reason: str
+    reason: Reason
     who: str = ""
 
 
@@ -125,7 +126,7 @@ class Machine:
         self.target_mode = Mode.AUTO
         self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
-        self.reason = "starting: waiting for measurements"  #: why the present state was entered or lasts
+        self.reason = Reason(ReasonCode.NO_MEASUREMENT)  #: why the present state was entered or lasts
         self.cause = Cause.STARTED  #: what it was entered by
         self.who = ""  #: the operator who asked for it
         self.since_ns = 0  #: stamp of the tick at which it was entered
@@ -183,7 +184,7 @@ class Machine:
         recent = sum(not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic)
         return recent >= self.settings.storm_swaps > 0
 
-    def fire(self, trigger: Cause, reason: str, who: str, controller: str = "") -> None:
+    def fire(self, trigger: Cause, reason: Reason, who: str, controller: str = "") -> None:
         """Make the transition that the table has for ``trigger``, if any.
 
         ``controller`` becomes the active one where the transition leads to auto.
@@ -235,10 +236,10 @@ class Machine:
             return
         self.revision += 1
         if self.register.stopped:
-            cause = stop.cause.name.lower()
-            self.fire(Cause.STOP_HEARD, f"a safe stop is in force: {cause}, {stop.who}", stop.who or "operator")
+            reason = Reason(ReasonCode.STOP_HEARD, subject=stop.cause.name.lower())
+            self.fire(Cause.STOP_HEARD, reason, stop.who or "operator")
 
-    def swap(self, name: str, cause: Cause, reason: str, who: str) -> None:
+    def swap(self, name: str, cause: Cause, reason: Reason, who: str) -> None:
         """Make ``name`` the active controller; only in auto."""
         before, self.active = self.active, name
         self.slewing = self.settings.transition_ticks
@@ -267,7 +268,7 @@ class Machine:
             if mode is not self.mode:
                 self._enter(mode)
             self.active = active
-            self.cause, self.reason, self.who = Cause.UNKNOWN, "", ""
+            self.cause, self.reason, self.who = Cause.UNKNOWN, Reason(), ""
         if (told := self._told) is not None and (told.mode, told.controller) == (mode, active):
             self.cause, self.reason, self.who = told.cause, told.reason, told.who
 
@@ -281,7 +282,7 @@ class Machine:
         self.transitions += 1
         self.log(Level.INFO, "takeover", f"leads in {self.mode}: {why}")
 
-    def explain(self, reason: str) -> None:
+    def explain(self, reason: Reason) -> None:
         """Say why the present state lasts."""
         if reason != self.reason:
             self.reason = reason
@@ -292,8 +293,8 @@ class Machine:
         self.revision += 1
         self.events.append(Event(level, who, text))
 
-    def _note(self, cause: Cause, reason: str, who: str, text: str) -> None:
+    def _note(self, cause: Cause, reason: Reason, who: str, text: str) -> None:
         self.cause, self.reason, self.since_ns = cause, reason, self._stamp_ns
         self.who = who if cause.on_request else ""
         self.transitions += 1
-        self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason}")
+        self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason.words}")

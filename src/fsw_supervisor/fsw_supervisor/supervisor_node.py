@@ -18,6 +18,7 @@ from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import declare
 from fsw_control.ranges import beyond_trip
+from fsw_control.reason import Reason
 from fsw_control.references_ros import KeptReference
 from fsw_control.reports_ros import DiagnosticsPublisher, log
 from fsw_control.stop import Stop
@@ -131,9 +132,9 @@ class SupervisorNode(LightNode, Node):
 
     def _on_leader_state(self, message: SupervisorState) -> None:
         if self._failover.on_leader_state(convert.signature(message)):
-            inhibited = {item.name: item.detail for item in message.controllers if item.latched_out}
-            cause = Cause(message.cause)
-            actual = Standing(message.actual_mode, message.actual_controller, cause, message.reason, message.who)
+            inhibited = {item.name: Reason.of_messages(item.why) for item in message.controllers if item.latched_out}
+            cause, why = Cause(message.cause), Reason.of_messages(message.why)
+            actual = Standing(message.actual_mode, message.actual_controller, cause, why, message.who)
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited, actual)
         self._publish([])
 

@@ -30,7 +30,7 @@ class Candidate:
     """A checked proposal."""
 
     command: Command
-    refusal: str = ""  #: why it may not be applied, in words; empty when it may
+    refusal: Reason = Reason()  # noqa: RUF009  # why it may not be applied; none when it may; immutable
     malformed: bool = False  #: refused for its content, not because the controller calls itself unhealthy
     jump: bool = False  #: refused for its distance from the command before
 
@@ -39,13 +39,13 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
     """Check a proposal on the topic of controller ``name``; without ``previous`` the rate is not checked."""
     command = proposal.command
     if proposal.source != name:
-        words = f"proposal names the source {proposal.source[:40]!r} instead of {name!r}"
-        return Candidate(command, words, malformed=True)
+        return Candidate(command, Reason(ReasonCode.OTHER_SOURCE, subject=proposal.source[:40]), malformed=True)
     if not proposal.healthy:
-        return Candidate(command, proposal.reason.words or "the controller says it is unhealthy, without a reason")
+        return Candidate(command, proposal.reason or Reason(ReasonCode.UNHEALTHY))
     refused = refusal(command, limits, previous)
     if refused is not None:
-        return Candidate(command, refused.words, malformed=True, jump=refused.flaw is Flaw.JUMP)
+        reason = Reason(ReasonCode.BAD_COMMAND, detail=refused.words)
+        return Candidate(command, reason, malformed=True, jump=refused.flaw is Flaw.JUMP)
     return Candidate(command)
 
 
@@ -88,7 +88,7 @@ class Tick:
     duplicates: dict[str, bool] = field(default_factory=dict)  #: by controller with several proposals: they differ
     judged: bool = False  #: by the safety monitor
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
-    failure: str = ""  #: why the active controller has failed in this tick
+    failure: Reason = Reason()  # noqa: RUF009  #: why the active controller has failed in this tick
     extended: bool = False  #: lockstep gives a slow fallback more time
     drained: bool = False  #: this process was stalled, and its queues were given time to drain
     stalled: bool = False  #: this process was stalled, so that no controller counts as failed

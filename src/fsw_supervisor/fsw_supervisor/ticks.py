@@ -8,6 +8,7 @@ from math import inf
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS
 from fsw_control.message_synchronizer import StampFilter
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level
@@ -117,7 +118,7 @@ class Ticks:
             self._machine.log(Level.ERROR, who, f"{silence} for {GAP_S:g} s")
         silent_s = self.now_s - self.present.started_s
         if silence is Silence.CLOCK and silent_s >= CLOCK_STOP_S:
-            self._machine.fire(Cause.CLOCK_STOPPED, f"{silence} for {CLOCK_STOP_S:g} s", "clock")
+            self._machine.fire(Cause.CLOCK_STOPPED, Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S), "clock")
 
     @property
     def _begins_anew(self) -> bool:
@@ -153,7 +154,7 @@ class Ticks:
             period_s = settings.takeover_s(self._lockstep)
         tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
         if gap:
-            self.interrupt("measurements are back after a gap")
+            self.interrupt(Reason(ReasonCode.GAP))
         self._arbitration.start_up.begin(now_s)  # after a gap before the first command listening begins anew
         self._arbitration.change_between_ticks(now_s)
         # Before any proposal to it, so that it does not matter which comes first.
@@ -182,12 +183,12 @@ class Ticks:
             # Only now, so that it does not depend on the order in which the tick's messages arrive.
             self._in_force.learn_offsets(tick, self._machine.settings.limits)
 
-    def interrupt(self, reason: str) -> None:
+    def interrupt(self, reason: Reason) -> None:
         """The plant or this process was suspended: determine again which command is in force."""
         self._arbitration.start_up.interrupt()
         if self.present is not None:
             self.present.previous = None
-        self._machine.log(Level.WARN, "sensors", reason)
+        self._machine.log(Level.WARN, "sensors", reason.words)
         self._machine.fire(Cause.INTERRUPTED, reason, "start")
 
     # ---------------------------------------------------------------- commands

@@ -3,7 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command
-from fsw_control.reason import Reason
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.controller_registry import LOCKSTEP_LAG, ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -80,7 +80,7 @@ def test_a_proposal_after_the_deadline_is_late_and_no_candidate(counted, after_s
     record = counted.propose(after_s=after_s)
     assert (record.late, "a" not in counted.ticks[-1].candidates) == (int(late), late)
     if late:
-        assert record.problem == "late: 81 ms after the measurement"
+        assert record.problem == Reason(ReasonCode.LATE, limit_s=pytest.approx(0.081))
         assert record.consecutive_good == 0
         assert record.latencies_s[-1] == pytest.approx(0.081)
 
@@ -92,7 +92,7 @@ def test_in_lockstep_the_wall_clock_makes_nobody_late():
 
 def test_an_answer_to_an_older_measurement_is_late(counted):
     record = counted.begin().propose(behind=1)
-    assert record.problem == "late: answers a measurement 100 ms older than the last"
+    assert record.problem == Reason(ReasonCode.OUTDATED, limit_s=0.1)
     assert counts(record) == {"late": 1, "missed": 1, "silent_ticks": 1}
     assert not counted.ticks[-1].candidates
     assert "a" not in counted.ticks[-2].candidates
@@ -110,7 +110,7 @@ def test_an_old_answer_to_a_tick_in_which_the_supervisor_was_held_up_is_no_failu
     counted.ticks[-1].stalled = True
     counted.ticks[-1].settle()
     record = counted.begin().propose(behind=1)
-    assert record.problem == ""
+    assert record.problem == Reason()
     assert counts(record) == {"late": 1, "consecutive_good": 5, "silent_ticks": 1}
 
 
@@ -130,7 +130,7 @@ def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
     counted.ticks[-1].previous = Command(82.0, 410.0)
     assert counted.propose(behind=1, force_kn=80.5).consecutive_good == 1
     counted.begin()
-    assert "jump by 1.500 kN" in counted.propose(behind=1, force_kn=80.5).problem
+    assert "jump by 1.500 kN" in counted.propose(behind=1, force_kn=80.5).problem.detail
 
 
 def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
@@ -138,7 +138,7 @@ def test_in_lockstep_an_answer_to_what_was_never_measured_is_late():
     stamp_ns = counted.stamp_ns - STEP_NS // 2
     counted.registry.take("a", ProposalInput(stamp_ns, "a", STEADY), counted.ticks[-1], counted.now_s)
     assert counts(counted.record) == {"late": 1}
-    assert counted.record.problem == "late: answers a measurement 50 ms older than the last"
+    assert counted.record.problem == Reason(ReasonCode.OUTDATED, limit_s=0.05)
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
@@ -149,9 +149,9 @@ def test_silence_is_told_once_and_counts_as_a_miss_while_the_controller_is_in_th
     lag = LOCKSTEP_LAG if lockstep else 1
     for _ in range(lag):
         counted.begin()
-    assert (counted.record.problem, counted.record.missed) == ("", 0), "the tick is not over"
+    assert (counted.record.problem, counted.record.missed) == (Reason(), 0), "the tick is not over"
     counted.begin()
-    assert (counted.record.problem, counted.record.missed) == ("no proposal at the deadline", 1)
+    assert (counted.record.problem.code, counted.record.missed) == (ReasonCode.NO_PROPOSAL, 1)
     counted.begin()
     assert counted.record.missed == 2
     assert counted.record.silent_ticks == lag + 1
@@ -164,21 +164,21 @@ def test_silence_is_told_once_and_counts_as_a_miss_while_the_controller_is_in_th
 def test_silence_does_not_replace_an_earlier_problem(counted):
     counted.propose(healthy=False, reason=Reason.of("solver failed"))
     counted.begin().begin()
-    assert counted.record.problem == "solver failed"
+    assert counted.record.problem == Reason.of("solver failed")
     assert "controller a has not proposed in time" not in counted.events()
 
 
 def test_who_never_proposed_is_told_to_be_silent_without_a_warning(counted):
     counted.registry.join("b")
     counted.begin()
-    assert counted.registry.get("b").problem == "no proposal at the deadline"
+    assert counted.registry.get("b").problem.code is ReasonCode.NO_PROPOSAL
     assert "controller b has not proposed in time" not in counted.events()
 
 
 def test_in_a_tick_that_blames_nobody_silence_is_no_failure(counted):
     counted.ticks[-1].stalled = True
     counted.begin()
-    assert (counted.record.problem, counts(counted.record)) == ("", {"consecutive_good": 5, "silent_ticks": 1})
+    assert (counted.record.problem, counts(counted.record)) == (Reason(), {"consecutive_good": 5, "silent_ticks": 1})
     counted.ticks[-1].settle(Decision(counted.stamp_ns, STEADY, "hold"), "an excuse")
     assert counted.propose().consecutive_good == 5, "an answer to it is neither good nor bad"
     assert counted.ticks[-1].candidates == {}
@@ -189,7 +189,7 @@ def test_a_good_proposal_ends_the_silence(counted):
     counted.begin().begin()
     assert counted.record.silent_ticks == 2
     assert counts(counted.propose()) == {"consecutive_good": 1, "missed": 2}
-    assert counted.record.problem == ""
+    assert counted.record.problem == Reason()
 
 
 # ---------------------------------------------------------------- before the measurement
@@ -351,11 +351,11 @@ def test_only_sensors_that_there_are_can_be_done_without(counted):
 def test_who_has_failed_is_readmitted_after_so_many_good_proposals_or_never(readmit_ticks):
     counted = Counted(readmit_ticks=readmit_ticks, warm_ticks=2)
     counted.begin().propose()
-    counted.record.inhibit("it failed")
+    counted.record.inhibit(Reason.of("it failed"))
     assert counted.registry.why_not_ready("a") == "a is inhibited: it failed"
     for count in range(1, 8):
         counted.begin().propose()
-        assert (counted.record.inhibited == "") == (0 < readmit_ticks <= count)
+        assert (counted.record.inhibited == Reason()) == (0 < readmit_ticks <= count)
     told = counted.events()
     assert told.count("controller a is readmitted after good shadow ticks") == int(readmit_ticks > 0)
     assert "controller a is ready" not in told
@@ -378,7 +378,7 @@ def test_a_refusal_is_told_once_and_a_wrong_one_counted(counted):
     assert sum("proposal of a refused" in text for text in counted.events()) == 1
     counted.propose(healthy=False, reason=Reason.of("solver failed"))
     assert counts(counted.record) == {"rejected": 3}
-    assert counted.record.problem == "solver failed"
+    assert counted.record.problem == Reason.of("solver failed")
 
 
 def test_candidates_are_checked_again_once_it_is_known_what_is_applied(counted):
@@ -387,27 +387,27 @@ def test_candidates_are_checked_again_once_it_is_known_what_is_applied(counted):
     counted.registry.join("b")
     counted.propose(force_kn=85.0)
     counted.propose(name="b", healthy=False, reason=Reason.of("not yet"))
-    assert tick.candidates["a"].refusal == ""
+    assert tick.candidates["a"].refusal == Reason()
     tick.previous = STEADY
     counted.registry.check_again(tick)
     assert tick.candidates["a"].jump
     assert counts(counted.record) == {"rejected": 1}
-    assert "jump by 5.000 kN" in counted.record.problem
-    assert tick.candidates["b"].refusal == "not yet"
+    assert "jump by 5.000 kN" in counted.record.problem.detail
+    assert tick.candidates["b"].refusal == Reason.of("not yet")
 
 
 def test_all_are_readmitted_at_once_and_it_is_told_who(counted):
     counted.registry.readmit_all("operator")
     assert not any("readmitted" in text for text in counted.events())
-    counted.record.inhibit("it failed")
+    counted.record.inhibit(Reason.of("it failed"))
     counted.registry.readmit_all("operator")
-    assert counted.record.inhibited == ""
+    assert counted.record.inhibited == Reason()
     assert "readmitted by operator: a" in counted.events()
 
 
 def test_who_is_readmitted_is_usable_only_after_good_proposals(counted):
     counted.propose()
-    counted.record.inhibit("it failed")
+    counted.record.inhibit(Reason.of("it failed"))
     counted.registry.readmit_all("operator")
     assert counted.registry.why_not_ready("a") == "a is not usable: it failed"
     warm_ticks = counted.machine.settings.warm_ticks
@@ -419,10 +419,10 @@ def test_who_is_readmitted_is_usable_only_after_good_proposals(counted):
 
 def test_a_standby_inhibits_exactly_those_that_the_leader_has_inhibited(counted):
     counted.registry.join("b")
-    counted.record.inhibit("it failed")
-    counted.registry.mirror_inhibitions({"b": "the leader says so"})
-    assert counted.record.inhibited == ""
+    counted.record.inhibit(Reason.of("it failed"))
+    counted.registry.mirror_inhibitions({"b": Reason.of("the leader says so")})
+    assert counted.record.inhibited == Reason()
     assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
     for _ in range(2):  # one takes over from the other again and again
-        counted.registry.mirror_inhibitions({"b": counted.registry.readiness("b").detail})
+        counted.registry.mirror_inhibitions({"b": counted.registry.readiness("b").reason})
     assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"

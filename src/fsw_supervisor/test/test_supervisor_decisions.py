@@ -6,7 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import SENSORS, Command
-from fsw_control.reason import Reason
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
@@ -144,7 +144,7 @@ def test_what_is_applied_is_not_known_without_drives_and_controllers(make_rig):
     rig.names = []
     for _ in range(10):
         assert rig.tick() == []
-    assert rig.arbiter.machine.reason == "starting: the command in force is not known yet"
+    assert rig.arbiter.machine.reason.code is ReasonCode.COMMAND_UNKNOWN
     assert (rig.arbiter.ticks.commands, rig.arbiter.ticks.lost) == (0, 10)
     assert rig.arbiter.applied is None
 
@@ -228,7 +228,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
     assert rig.last.source == "hold"
     rig.run(1)
     assert rig.last.source == "nmpc"
-    assert rig.arbiter.machine.reason == "decentral has no usable proposal, nmpc has"
+    assert rig.arbiter.machine.reason == Reason(ReasonCode.SUBSTITUTED, subject="decentral")
     assert rig.arbiter.machine.cause is Cause.READY
 
 
@@ -269,11 +269,11 @@ def test_who_was_active_is_waited_for_some_ticks(make_rig):
 
 def test_the_start_is_told_with_the_reason(rig):
     machine = rig.arbiter.machine
-    assert (machine.reason, machine.cause) == ("decentral is configured to start with", Cause.READY)
+    assert (machine.reason, machine.cause) == (Reason(ReasonCode.CONFIGURED, subject="decentral"), Cause.READY)
     rig.now_s += 5.0
     rig.stamp_ns += 50 * STEP_NS
     rig.run(1)
-    assert (machine.reason, machine.cause) == ("decentral was active before", Cause.READY)
+    assert (machine.reason, machine.cause) == (Reason(ReasonCode.ACTIVE_BEFORE, subject="decentral"), Cause.READY)
 
 
 def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
@@ -281,11 +281,12 @@ def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(
     rig.names = []
     for _ in range(25):
         rig.tick()
-    assert rig.last.reason.words == "starting: waiting for decentral: no proposal yet"
+    waiting = Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject="decentral", because=Reason(ReasonCode.NO_PROPOSAL_YET))
+    assert rig.arbiter.machine.reason == waiting
     rig.arbiter.registry.join("decentral")
     rig.run(3)
     assert rig.arbiter.registry.get("decentral").missed == 3, "that it is waited for does not excuse its silence"
-    assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason.words)
+    assert (rig.last.source, rig.last.reason) == ("hold", waiting.head)
 
 
 @pytest.mark.requirement("S6")
@@ -293,8 +294,9 @@ def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig)
     rig.silent |= set(rig.names)
     rig.run(1)
     machine = rig.arbiter.machine
-    assert machine.reason == "decentral failed: no proposal at the deadline; no fallback is ready"
-    assert (machine.cause, rig.last.reason.words) == (Cause.NO_CONTROLLER, machine.reason)
+    codes = [item.code for item in machine.reason.chain]
+    assert codes == [ReasonCode.NO_FALLBACK, ReasonCode.FAILED, ReasonCode.NO_PROPOSAL]
+    assert (machine.cause, rig.last.reason) == (Cause.NO_CONTROLLER, machine.reason.head)
     assert "error failover: decentral failed: no proposal at the deadline" in rig.events()
 
 
@@ -309,11 +311,11 @@ def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
     del rig.values["torque"]
     rig.run(1)
     assert (rig.last.source, rig.last.reason.words) == ("hold", "the measurement lacks torque")
-    assert rig.arbiter.registry.get("decentral").inhibited == ""
+    assert rig.arbiter.registry.get("decentral").inhibited == Reason()
     del rig.values["depth"]
     rig.run(1)
     assert rig.last.source == "nmpc"
-    assert rig.arbiter.registry.get("decentral").inhibited == "no proposal at the deadline"
+    assert rig.arbiter.registry.get("decentral").inhibited.code is ReasonCode.NO_PROPOSAL
 
 
 def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
@@ -331,7 +333,7 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
     rig.silent.clear()
     rig.run(1)
     record = rig.arbiter.registry.get("decentral")
-    assert (record.missed, record.problem) == (0, "")
+    assert (record.missed, record.problem) == (0, Reason())
 
 
 @pytest.mark.parametrize("blind", [True, False])
@@ -341,9 +343,10 @@ def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
     rig.values["torque"] = float("nan")
     rig.run(10)
     assert rig.last.source == ("nmpc" if blind else "decentral")
-    assert rig.arbiter.registry.get("decentral").inhibited == ""
+    assert rig.arbiter.registry.get("decentral").inhibited == Reason()
     if blind:
-        assert rig.arbiter.machine.reason == "decentral failed: decentral requires the sensor torque"
+        required = Reason(ReasonCode.SENSOR_REQUIRED, ("torque",))
+        assert rig.arbiter.machine.reason == Reason(ReasonCode.FAILED, subject="decentral", because=required)
 
 
 @pytest.mark.requirement("S6")
@@ -391,7 +394,9 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
     rig.spoil("nmpc", healthy=False, reason=Reason.of("x"))
     rig.run(1)
     assert rig.last.source == "hold"
-    assert rig.arbiter.machine.reason == "too many swaps in 3 s; nmpc failed: x"
+    storm, failed, own = rig.arbiter.machine.reason.chain
+    assert (storm.code, storm.limit_s) == (ReasonCode.STORM, 3.0)
+    assert (failed.code, failed.subject, own) == (ReasonCode.FAILED, "nmpc", Reason.of("x"))
     assert rig.arbiter.machine.cause is Cause.STORM
     rig.edit.clear()
     rig.run(25)

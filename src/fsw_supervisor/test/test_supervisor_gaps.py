@@ -98,7 +98,7 @@ def test_target_outlasts_a_gap_in_which_a_fallback_is_active(feed):
     feed.stamp_ns = feed.rig.stamp_ns
     feed.next(15)
     assert feed.go_on() == feed.other
-    assert feed.arbiter.machine.reason == f"{feed.other} was active before"
+    assert feed.arbiter.machine.reason == Reason(ReasonCode.ACTIVE_BEFORE, subject=feed.other)
     assert (feed.arbiter.machine.target, feed.arbiter.machine.active) == (feed.active, feed.other)
 
 

@@ -266,20 +266,20 @@ def test_a_proposal_is_checked_for_its_name_then_its_health_then_its_values():
     wrong = ProposalInput(1, "x" * 60, Command(120.0, 410.0), healthy=False, reason=Reason.of("ill"))
     refused = check("a", wrong, before, limits)
     assert (refused.refusal, refused.malformed, refused.jump) == (
-        f"proposal names the source {'x' * 40!r} instead of 'a'",
+        Reason(ReasonCode.OTHER_SOURCE, subject="x" * 40),
         True,
         False,
     )
     ill = check("a", ProposalInput(1, "a", Command(120.0, 410.0), healthy=False), before, limits)
-    assert (ill.refusal, ill.malformed) == ("the controller says it is unhealthy, without a reason", False)
+    assert (ill.refusal, ill.malformed) == (Reason(ReasonCode.UNHEALTHY), False)
     ill = check("a", ProposalInput(1, "a", Command(80.0, 410.0), False, Reason.of("ill")), before, limits)
-    assert ill.refusal == "ill"
+    assert ill.refusal == Reason.of("ill")
     for command, jump in ((Command(120.0, 410.0), False), (Command(82.0, 410.0), True)):
         candidate = check("a", ProposalInput(1, "a", command), before, limits)
         assert (candidate.command, bool(candidate.refusal), candidate.malformed) == (command, True, True)
         assert candidate.jump == jump
     good = check("a", ProposalInput(1, "a", Command(82.0, 410.0)), None, limits)
-    assert (good.refusal, good.malformed, good.jump, good.command) == ("", False, False, Command(82.0, 410.0))
+    assert (good.refusal, good.malformed, good.jump, good.command) == (Reason(), False, False, Command(82.0, 410.0))
 
 
 def test_commands_are_the_same_but_for_rounding():

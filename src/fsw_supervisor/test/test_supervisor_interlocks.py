@@ -5,6 +5,7 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
@@ -96,7 +97,7 @@ def test_each_interlock_warns_and_trips_after_three_values_and_it_is_told_with_t
         assert event.text == f"{name} is {level}: {quantity} {value:.4g}"
         assert event.level is (Level.WARN if level == "warn" else Level.ERROR)
     assert monitor.tripped == (name,)
-    assert monitor.causes == f"{name} is trip: {quantity} {trip:.4g}"
+    assert monitor._words(monitor.tripped) == f"{name} is trip: {quantity} {trip:.4g}"
 
 
 @pytest.mark.requirement("S2")
@@ -138,7 +139,8 @@ def test_several_causes_are_told_together(monitor):
     for _ in range(3):
         monitor.watch({"temperature_c": 930.0, "depth_mm": 3.8, "torque_nm": NAN})
     assert monitor.tripped == ("temperature_high", "depth_high")
-    assert monitor.causes == "temperature_high is trip: temperature_c 930; depth_high is trip: depth_mm 3.8"
+    words = "temperature_high is trip: temperature_c 930; depth_high is trip: depth_mm 3.8"
+    assert monitor._words(monitor.tripped) == words
 
 
 def judged(monitor, count=1, acting=None, **samples):
@@ -173,7 +175,7 @@ def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(mo
     assert (monitor._machine.mode is Mode.SAFE_STOP) == bool(tripped)
     if tripped:
         assert monitor._machine.cause is Cause.INTERLOCK_TRIP
-        assert monitor._machine.reason == monitor.causes
+        assert monitor._machine.reason == Reason(ReasonCode.INTERLOCKS, interlocks=monitor.tripped)
 
 
 @pytest.mark.requirement("S2")
@@ -185,9 +187,8 @@ def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor
     assert monitor.invalid_sensors == ()
     judged(monitor, 4, **good)
     assert monitor.invalid_sensors == ("thermocouple",) and monitor.blind_since_ns is not None
-    assert monitor.blind == "sensor thermocouple is invalid (missing)"
     judged(monitor, 4, **GOOD)
-    assert (monitor.invalid_sensors, monitor.blind_since_ns, monitor.blind) == ((), None, "")
+    assert (monitor.invalid_sensors, monitor.blind_since_ns) == ((), None)
     told = [(event.level, event.text) for event in monitor._machine.events if event.who == "sensors"]
     assert told == [
         (Level.WARN, "sensor thermocouple is invalid: missing"),

@@ -17,6 +17,7 @@ from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.cause import Cause  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
 from fsw_control.fence import Fence  # noqa: E402
+from fsw_control.reason import Reason, ReasonCode  # noqa: E402
 from fsw_control.topics_ros import LATEST  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
     ControllerHealth,
@@ -249,7 +250,7 @@ def test_lists_controllers_with_their_health(bench):
     assert (decentral.name, decentral.warm, decentral.lack) == ("decentral", True, ControllerHealth.NONE)
     assert list(decentral.tolerated_sensors) == ["depth"]
     assert (nmpc.healthy, nmpc.warm) == (False, False)
-    assert (nmpc.lack, "not finite" in nmpc.detail) == (ControllerHealth.UNUSABLE, True)
+    assert (nmpc.lack, "not finite" in Reason.of_messages(nmpc.why).words) == (ControllerHealth.UNUSABLE, True)
 
 
 def test_fails_over_within_the_tick(bench):
@@ -342,7 +343,7 @@ def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.peer.pushed_kn = 97.5 - bench.peer.applied.force_kn
     bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
     bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
-    assert bench.peer.states[-1].reason.startswith("force_high is trip: force_kn 97.5")
+    assert bench.peer.states[-1].why[0].interlocks == ["force_high"]
     acknowledge = bench.peer.create_client(Trigger, "fsw/acknowledge")
     refused = bench.call(acknowledge, Trigger.Request())
     assert not refused.success and "force_high" in refused.message
@@ -361,7 +362,8 @@ def test_without_a_set_point_the_state_says_so(make_bench):
     bench.peer.reasons = dict.fromkeys(("decentral", "nmpc"), "no set-point yet")
     bench.run()
     assert bench.peer.states[-1].actual_mode == "hold"
-    bench.until(lambda: bench.peer.states[-1].reason == "starting: waiting for decentral: no set-point yet")
+    waiting = [ReasonCode.WAITING_FOR_CONTROLLER, ReasonCode.OTHER]
+    bench.until(lambda: [why.code for why in bench.peer.states[-1].why] == waiting)
     bench.peer.reasons.clear()
     bench.until(lambda: bench.peer.states[-1].actual_controller == "decentral")
 

@@ -9,6 +9,7 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason
 from fsw_schema.models import InputError
 from fsw_supervisor.arbiter import problem
 from fsw_supervisor.in_force import DriveOffset
@@ -82,8 +83,8 @@ def test_wrong_numbers_are_refused(name, value):
 def test_rounding_of_the_unit_conversion_is_no_violation():
     before = Command(94.0 - 1e-12, 407.0)
     proposal = ProposalInput(0, "a", Command(95.0 + 1e-9, 410.0 + 1e-9))
-    assert check("a", proposal, before, Limits()).refusal == ""
-    assert check("a", replace(proposal, command=Command(95.001, 410.0)), before, Limits()).refusal != ""
+    assert check("a", proposal, before, Limits()).refusal == Reason()
+    assert check("a", replace(proposal, command=Command(95.001, 410.0)), before, Limits()).refusal != Reason()
 
 
 def test_each_pair_of_mode_and_trigger_leads_to_one_mode():

@@ -6,6 +6,7 @@ import random
 import pytest
 
 from fsw_control.cause import Cause
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -37,7 +38,7 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
     assert rig.last.source == "decentral", "the last good sample stands in for a moment"
     rig.run(2)
     assert rig.last.source == "nmpc"
-    assert "decentral requires the sensor depth" in rig.arbiter.machine.reason
+    assert rig.arbiter.machine.reason.chain[1] == Reason(ReasonCode.SENSOR_REQUIRED, ("depth",))
     assert not rig.arbiter.registry.get("decentral").inhibited, "it has not failed"
     rig.values["depth"] = 2.66
     rig.run(5)

@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 
@@ -43,7 +44,7 @@ def test_without_a_time_to_wait_the_answer_comes_at_once(rig, timeout_s, ready):
 
 def test_an_accepted_switch_that_cannot_be_made_is_told_though_it_was_answered(rig):
     request = ask(rig, timeout_s=0.0)
-    rig.arbiter.registry.get("nmpc").bad("gone")
+    rig.arbiter.registry.get("nmpc").bad(Reason.of("gone"))
     rig.run(2)
     assert rig.last.source == "decentral"
     assert not rig.arbiter.operator.waiting
@@ -201,7 +202,7 @@ def test_a_request_is_refused_when_the_mode_has_changed_by_itself(waiting):
 
 def test_a_strict_request_is_refused_at_the_tick_at_which_the_controller_is_not_ready(rig):
     request = ask(rig, strict=True, timeout_s=5.0)
-    rig.arbiter.registry.get("nmpc").bad("gone")
+    rig.arbiter.registry.get("nmpc").bad(Reason.of("gone"))
     rig.run(1)
     assert (request.done, request.ok) == (True, False)
 
@@ -246,7 +247,7 @@ def test_auto_while_in_auto_goes_on_with_the_active_one_and_readmits_the_others(
     assert rig.arbiter.operator.ask_mode("auto", None, "operator") == (True, "auto already")
     rig.run(2)
     assert rig.last.source == "nmpc"
-    assert rig.arbiter.registry.get("decentral").inhibited == ""
+    assert rig.arbiter.registry.get("decentral").inhibited == Reason()
     assert "readmitted by operator: decentral" in rig.events()
 
 
@@ -275,7 +276,7 @@ def test_what_the_operator_wants_is_noted_beside_what_is(rig):
     machine = rig.arbiter.machine
     rig.arbiter.operator.ask_mode("hold", None, "anna")
     assert (machine.mode, machine.target_mode, machine.who) == (Mode.HOLD, Mode.HOLD, "anna")
-    assert machine.reason == "anna asked for hold"
+    assert (machine.reason, machine.who) == (Reason(ReasonCode.REQUESTED, subject="hold"), "anna")
     ask(rig)
     rig.arbiter.operator.ask_mode("auto", None, "berta")
     assert (machine.mode, machine.target_mode, machine.active) == (Mode.AUTO, Mode.AUTO, "nmpc")

@@ -7,6 +7,7 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason
 from fsw_control.stop import StopCause
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -178,11 +179,11 @@ def test_no_trigger_leads_out_of_a_safe_stop_that_is_not_acknowledged(mode, trig
     machine = Machine(ArbiterSettings.from_values({}))
     machine.mode = mode
     machine.register.stop(StopCause.OPERATOR, "operator", 0)
-    machine.fire(Cause.OPERATOR_SAFE_STOP, "", "operator")
-    machine.fire(trigger, "", "operator", "decentral")
+    machine.fire(Cause.OPERATOR_SAFE_STOP, Reason(), "operator")
+    machine.fire(trigger, Reason(), "operator", "decentral")
     assert machine.mode is Mode.SAFE_STOP
     machine.acknowledge("operator")
-    machine.fire(trigger, "", "operator", "decentral")
+    machine.fire(trigger, Reason(), "operator", "decentral")
     leads_out = trigger in OPERATOR_TRIGGERS.values() and trigger is not Cause.OPERATOR_SAFE_STOP
     assert (machine.mode is not Mode.SAFE_STOP) == leads_out
 
@@ -408,7 +409,7 @@ def test_a_blind_manual_mode_ends_in_a_safe_stop(make_rig, sensor):
     rig.values[sensor] = NAN
     rig.run(26)
     assert rig.last.source == "safe_stop"
-    assert sensor in rig.arbiter.machine.reason
+    assert sensor in rig.arbiter.machine.reason.chain[1].sensors
 
 
 def stop_blind(rig):

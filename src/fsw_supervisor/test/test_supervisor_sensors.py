@@ -126,7 +126,7 @@ def test_a_jump_stops_and_stays_a_cause_until_it_is_acknowledged(rig, sensor, st
     rig.values[sensor] = good + step
     assert stopped_after(rig, 10) == 3
     assert interlock in rig.arbiter.safety.tripped
-    assert interlock in rig.arbiter.machine.reason
+    assert interlock in rig.arbiter.machine.reason.interlocks
     rig.run(300)
     assert interlock in rig.arbiter.safety.tripped, "it is not believed with time"
     assert rig.arbiter.safety.invalid_sensors == (sensor,)
@@ -208,7 +208,7 @@ def test_the_time_without_a_sensor_adds_up(rig, sensor, good_ticks):
         rig.values[sensor] = good
         rig.run(good_ticks)
     assert stopped
-    assert f"{sensor}_blind" in rig.arbiter.machine.reason
+    assert f"{sensor}_blind" in rig.arbiter.machine.reason.interlocks
 
 
 @pytest.mark.requirement("S37")
@@ -235,7 +235,7 @@ def test_a_hold_between_does_not_restart_the_time(make_rig):
         rig.values["torque"] = GOOD["torque"]
         stopped = stopped or stopped_after(rig, 6)
     assert stopped
-    assert "torque_blind" in rig.arbiter.machine.reason
+    assert "torque_blind" in rig.arbiter.machine.reason.interlocks
 
 
 def test_an_operator_may_weld_by_hand_without_a_sensor(rig):

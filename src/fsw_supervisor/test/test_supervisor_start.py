@@ -34,7 +34,7 @@ def test_a_restart_goes_on_with_the_controller_that_was_active(make_rig):
         assert [decision.source for decision in out] == ["nmpc"]
         name.clear()
     assert arbiter.machine.target == "nmpc"
-    assert "nmpc was active before" in arbiter.machine.reason
+    assert arbiter.machine.reason == Reason(ReasonCode.ACTIVE_BEFORE, subject="nmpc")
     assert out[-1].command.force_kn == pytest.approx(83.2)
 
 
@@ -101,8 +101,9 @@ def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     for _ in range(20):
         rig.tick()
     assert rig.last.source == "hold"
-    assert rig.last.reason.words == "starting: waiting for decentral: no set-point yet"
-    assert rig.arbiter.machine.reason == rig.last.reason.words, "which is what an operator sees"
+    waiting, own = rig.arbiter.machine.reason.chain
+    assert waiting == Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject="decentral")
+    assert (own.words, rig.last.reason) == ("no set-point yet", waiting), "which is what an operator sees"
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"

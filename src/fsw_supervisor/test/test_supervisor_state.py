@@ -4,6 +4,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import Stop
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Standing, next_mode
@@ -28,21 +29,21 @@ def test_it_begins_in_start_with_what_is_configured():
     assert (machine.mode, machine.target_mode, machine.active, machine.target) == (Mode.START, Mode.AUTO, "", "nmpc")
     assert (machine.transitions, machine.revision, machine.tick, machine.slewing, machine.since_ns) == (0, 0, 0, 0, 0)
     assert (machine.acknowledged, machine.cause, list(machine.events)) == (False, Cause.STARTED, [])
-    assert machine.reason == "starting: waiting for measurements"
+    assert machine.reason.code is ReasonCode.NO_MEASUREMENT
     assert not machine.storming()
 
 
 def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
     ticks(machine, 5)
     machine.advance(4200)
-    machine.fire(Cause.READY, "it is ready", "start", "nmpc")
+    machine.fire(Cause.READY, Reason.of("it is ready"), "start", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.AUTO, "nmpc", 7)
-    assert (machine.reason, machine.cause, machine.since_ns) == ("it is ready", Cause.READY, 4200)
+    assert (machine.reason, machine.cause, machine.since_ns) == (Reason.of("it is ready"), Cause.READY, 4200)
     assert (machine.transitions, machine.ticks_in_mode) == (1, 0)
     assert machine.events[-1] == Event(Level.INFO, "start", "start -> auto (nmpc): it is ready")
     assert machine.revision == 1
     ticks(machine, 3)
-    machine.fire(Cause.INTERLOCK_TRIP, "too hot", "interlock", "nmpc")
+    machine.fire(Cause.INTERLOCK_TRIP, Reason.of("too hot"), "interlock", "nmpc")
     assert (machine.mode, machine.active, machine.slewing) == (Mode.SAFE_STOP, "", 0)
     assert machine.events[-1] == Event(Level.ERROR, "interlock", "auto -> safe_stop: too hot")
     assert (machine.transitions, machine.ticks_in_mode) == (2, 0)
@@ -50,7 +51,7 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
 
 
 def test_a_trigger_that_the_table_does_not_have_changes_nothing(machine):
-    machine.fire(Cause.STORM, "a storm", "failover")
+    machine.fire(Cause.STORM, Reason.of("a storm"), "failover")
     assert (machine.mode, machine.transitions, machine.revision) == (Mode.START, 0, 0)
 
 
@@ -88,14 +89,14 @@ def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sourc
 
 
 def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
-    machine.fire(Cause.READY, "", "start", "a")
+    machine.fire(Cause.READY, Reason(), "start", "a")
     asked, failed = Cause.SWAP_REQUESTED, Cause.SWAP_FAILED
     for name, cause in (("b", asked), ("a", asked), ("b", failed)):
-        machine.swap(name, cause, "why", "who")
+        machine.swap(name, cause, Reason.of("why"), "who")
         assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
     assert machine.events[-1] == Event(Level.INFO, "who", "a -> b: why")
     ticks(machine, 5)
-    machine.swap("a", failed, "why", "who")
+    machine.swap("a", failed, Reason.of("why"), "who")
     assert machine.storming()
     ticks(machine, 4)
     assert machine.storming()
@@ -104,26 +105,26 @@ def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
 
 
 def test_coming_back_from_hold_counts_as_an_automatic_swap_and_starting_does_not(machine):
-    machine.fire(Cause.READY, "", "start", "a")
-    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
-    machine.fire(Cause.NO_CONTROLLER, "", "failover")
+    machine.fire(Cause.READY, Reason(), "start", "a")
+    machine.swap("b", Cause.SWAP_FAILED, Reason(), "failover")
+    machine.fire(Cause.NO_CONTROLLER, Reason(), "failover")
     assert not machine.storming()
-    machine.fire(Cause.CONTROLLER_BACK, "", "failover", "a")
+    machine.fire(Cause.CONTROLLER_BACK, Reason(), "failover", "a")
     assert machine.storming()
 
 
 def test_without_a_limit_there_is_no_storm():
     machine = Machine(ArbiterSettings.from_values({"storm_swaps": 0}))
-    machine.fire(Cause.READY, "", "start", "a")
+    machine.fire(Cause.READY, Reason(), "start", "a")
     assert not machine.storming()
-    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
+    machine.swap("b", Cause.SWAP_FAILED, Reason(), "failover")
     assert not machine.storming()
 
 
 def test_what_an_operator_sees_changes_the_revision_only_when_it_changes(machine):
     for call, changes in (
-        (lambda: machine.explain("because"), True),
-        (lambda: machine.explain("because"), False),
+        (lambda: machine.explain(Reason.of("because")), True),
+        (lambda: machine.explain(Reason.of("because")), False),
         (lambda: machine.set_target("nmpc"), True),
         (lambda: machine.set_target("nmpc"), False),
         (lambda: machine.set_target(mode=Mode.HOLD), True),
@@ -151,7 +152,7 @@ def test_to_renew_a_mode_begins_its_time_anew(machine):
 
 
 def test_the_transition_limits_end_after_their_ticks_or_on_arrival(machine):
-    machine.fire(Cause.READY, "", "start", "a")
+    machine.fire(Cause.READY, Reason(), "start", "a")
     machine.slew(arrived=False)
     assert machine.slewing == 6
     machine.slew(arrived=True)
@@ -187,17 +188,19 @@ def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machin
 
 
 def test_a_standby_that_leads_tells_so_and_slews(machine):
-    machine.mirror_standing(Standing("auto", "nmpc", Cause.SWAP_REQUESTED, "anna asked for nmpc", "anna"))
+    machine.mirror_standing(
+        Standing("auto", "nmpc", Cause.SWAP_REQUESTED, Reason(ReasonCode.REQUESTED, subject="nmpc"), "anna")
+    )
     machine.mirror("nmpc")
     machine.lead("3 ticks went unanswered")
     assert (machine.slewing, machine.cause, machine.who) == (7, Cause.SWAP_REQUESTED, "anna")
-    assert machine.reason == "anna asked for nmpc", "a takeover changes who leads, not why"
+    assert machine.reason.code is ReasonCode.REQUESTED, "a takeover changes who leads, not why"
     assert machine.events[-1].who == "takeover"
     assert machine.events[-1].text == "leads in auto: 3 ticks went unanswered"
 
 
 def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
-    told = Standing("hold", "", Cause.NO_CONTROLLER, "no controller is ready (late)")
+    told = Standing("hold", "", Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK))
     for _ in range(3):
         machine.mirror_standing(told)
         machine.mirror("hold")
@@ -205,7 +208,7 @@ def test_takeovers_again_and_again_leave_the_reason_as_it_is(machine):
         assert (machine.cause, machine.reason) == (told.cause, told.reason)
     machine.mirror("nmpc")
     machine.lead("2 ticks went unanswered")
-    assert (machine.cause, machine.reason) == (Cause.UNKNOWN, ""), "the leader died before it told why"
+    assert (machine.cause, machine.reason) == (Cause.UNKNOWN, Reason()), "the leader died before it told why"
 
 
 # ---------------------------------------------------------------- settings

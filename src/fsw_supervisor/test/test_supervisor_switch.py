@@ -123,7 +123,7 @@ def test_a_controller_that_becomes_unready_before_the_swap_is_refused(rig):
     rig.delays_s["nmpc"] = 0.01
     rig.run(1)
     request = ask(rig, "nmpc")
-    rig.arbiter.registry.get("nmpc").bad("gone")
+    rig.arbiter.registry.get("nmpc").bad(Reason.of("gone"))
     rig.run(1)
     assert request.message == "nmpc is not usable: gone"
     assert rig.last.source == "decentral"

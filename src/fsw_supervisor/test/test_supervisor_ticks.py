@@ -5,6 +5,7 @@ import pytest
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
+from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -81,7 +82,7 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
     acting = Command(73.0, 407.5)
     out = arbiter.on_sample("depth", rig.stamp_ns, rig.values["depth"], rig.now_s)
     assert arbiter.machine.mode is Mode.START
-    assert (arbiter.machine.reason, arbiter.machine.cause) == ("measurements are back after a gap", Cause.INTERRUPTED)
+    assert (arbiter.machine.reason, arbiter.machine.cause) == (Reason(ReasonCode.GAP), Cause.INTERRUPTED)
     for name in rig.names:
         out += arbiter.on_proposal(name, ProposalInput(rig.stamp_ns, name, acting), rig.now_s)
     out += arbiter.on_drives(rig.stamp_ns, acting, rig.now_s)
@@ -170,29 +171,31 @@ def test_each_time_out_is_told_with_the_mode_and_the_reason(make_rig, mode):
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
     if mode == "start":
         rig.names = []
-        ticks, words = 29, "start for 3 s: starting: waiting for decentral: no proposal yet"
+        ticks, limit_s, why = 29, 3.0, [ReasonCode.WAITING_FOR_CONTROLLER, ReasonCode.NO_PROPOSAL_YET]
     else:
         rig.run(10)
         if mode == "hold":
             desk.ask_mode("hold", None, "operator")
-            ticks, words = 39, "hold for 4 s: operator asked for hold"
+            ticks, limit_s, why = 39, 4.0, [ReasonCode.REQUESTED]
         elif mode == "manual":
             desk.ask_mode("manual", Command(78.4, 407.5), "operator")
             rig.values["depth"] = float("nan")
             rig.run(5)
             assert (machine.time_ns - rig.arbiter.safety.blind_since_ns) / 1e9 == pytest.approx(0.1)
-            ticks, words = 38, "manual for 4 s: sensor depth is invalid (not finite)"
+            ticks, limit_s, why = 38, 4.0, [ReasonCode.INVALID_SENSOR]
         else:
             rig.silent |= set(rig.names)
             rig.run(1)
             assert machine.mode is Mode.HOLD
-            ticks, words = 19, "hold for 2 s: "
+            ticks, limit_s, why = 19, 2.0, [ReasonCode.NO_FALLBACK, ReasonCode.FAILED, ReasonCode.NO_PROPOSAL]
+    before = str(machine.mode)
     for _ in range(ticks):
         rig.tick()
         assert machine.mode is not Mode.SAFE_STOP
     rig.tick()
     assert machine.mode is Mode.SAFE_STOP
-    assert machine.reason.startswith(words)
+    assert machine.reason.head == Reason(ReasonCode.TIMEOUT, limit_s=limit_s, subject=before)
+    assert [item.code for item in machine.reason.chain[1:]] == why
     assert machine.cause in (Cause.HOLD_TIMEOUT, Cause.START_TIMEOUT, Cause.BLIND_TIMEOUT)
 
 
@@ -212,7 +215,7 @@ def test_hold_ends_with_the_configured_controller_first_and_it_is_told(rig):
     rig.run(7)
     assert rig.last.source == "decentral"
     assert (rig.arbiter.machine.reason, rig.arbiter.machine.cause) == (
-        "decentral is ready again",
+        Reason(ReasonCode.READY_AGAIN, subject="decentral"),
         Cause.CONTROLLER_BACK,
     )
 
@@ -253,7 +256,8 @@ def test_the_return_to_the_target_is_told_and_counts_as_an_automatic_swap(make_r
     rig.silent.clear()
     rig.run(5)
     assert rig.last.source == "decentral"
-    assert (rig.arbiter.machine.reason, rig.arbiter.machine.cause) == ("decentral is ready again", Cause.SWAP_BACK)
+    assert rig.arbiter.machine.reason == Reason(ReasonCode.READY_AGAIN, subject="decentral")
+    assert rig.arbiter.machine.cause is Cause.SWAP_BACK
     assert rig.arbiter.machine.storming()
 
 
@@ -330,9 +334,9 @@ def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader
 @pytest.mark.parametrize(("mode", "wanted"), [("hold", "hold"), ("start", "auto"), ("nonsense", "auto")])
 def test_a_standby_takes_over_only_modes_that_an_operator_can_ask_for(standby, mode, wanted):
     standby.registry.join("nmpc")
-    standby.follow_operator("nmpc", mode, {"nmpc": "it failed there"})
+    standby.follow_operator("nmpc", mode, {"nmpc": Reason.of("it failed there")})
     assert (standby.machine.target, standby.machine.target_mode) == ("nmpc", wanted)
-    assert standby.registry.get("nmpc").inhibited == "it failed there"
+    assert standby.registry.get("nmpc").inhibited == Reason.of("it failed there")
 
 
 @pytest.mark.requirement("S12")
@@ -379,4 +383,4 @@ def test_a_safe_stop_from_before_a_restart_is_told_as_such(make_rig):
     arbiter.on_source("safe_stop")
     assert arbiter.machine.mode is Mode.SAFE_STOP
     assert arbiter.machine.cause is Cause.RESTARTED
-    assert arbiter.machine.reason == "a safe stop was in force before the restart"
+    assert arbiter.machine.reason.code is ReasonCode.STOPPED_BEFORE

@@ -6,6 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
+from fsw_control.reason import Reason
 from fsw_supervisor.persistence import Persistence
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -167,8 +168,8 @@ def test_persistence_is_a_time_in_at_least_two_values(elapsed_s, limit_s, values
 def test_storm_window_is_a_time(period_s):
     machine = Machine(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 9.0}))
     machine.advance(1, 1 * SECOND_NS)
-    machine.fire(Cause.READY, "", "start", "a")
-    machine.swap("b", Cause.SWAP_FAILED, "", "failover")
+    machine.fire(Cause.READY, Reason(), "start", "a")
+    machine.swap("b", Cause.SWAP_FAILED, Reason(), "failover")
     step_ns = round(period_s * SECOND_NS)
     for count in range(1, 200):
         machine.advance(1 + count, SECOND_NS + count * step_ns)
@@ -195,7 +196,7 @@ def test_in_lockstep_a_request_times_out_by_the_stamps(make_rig):
     rig = make_rig(lockstep=True)
     for _ in range(10):
         lockstep_tick(rig)
-    rig.arbiter.registry.get("nmpc").bad("gone")
+    rig.arbiter.registry.get("nmpc").bad(Reason.of("gone"))
     rig.silent.add("nmpc")
     request = rig.arbiter.operator.ask_switch("nmpc", False, 1.8, "operator", rig.now_s)
     begin_ns = rig.stamp_ns

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, cast
 from fsw_control.cause import Cause
 from fsw_control.contract import SAFE_STOP, Command
 from fsw_control.fence import ActuatorState, Fence, Signature
+from fsw_control.reason import Reason
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmations
@@ -279,5 +280,5 @@ def ask_auto(before: Supervisor) -> Supervisor:
     if not before.active or not Rebuilt(before).machine.acknowledged:
         return before
     rebuilt = Rebuilt(before)
-    rebuilt.machine.fire(Cause.OPERATOR_AUTO, "", "operator", CONTROL)
+    rebuilt.machine.fire(Cause.OPERATOR_AUTO, Reason(), "operator", CONTROL)
     return rebuilt.value()

@@ -352,6 +352,6 @@ class World:
     def _state(self) -> str:
         """What each part is doing, in words."""
         members = [f"{item.identity}: {item.failover.role} in {item.arbiter.machine.mode}" for item in self.supervisors]
-        reasons = [item.arbiter.machine.reason for item in self.supervisors]
+        reasons = [item.arbiter.machine.reason.words for item in self.supervisors]
         seen = f"leader {self.rules.leader}, {self.rules.source}; {members}; {reasons}"
         return f"no control; {seen}; {self.end.register.value}"

@@ -389,7 +389,7 @@ class Rules:
         if len(decisions) > 1 or any(one.stamp_ns != cell.stamp_ns for one in decisions):
             self._broken("one command per tick", f"{[(one.stamp_ns, one.source) for one in decisions]}")
         if measured and not decisions and self._command is not None and arbiter.applied is not None:
-            self._broken("one command per tick", f"none, {arbiter.machine.reason}")
+            self._broken("one command per tick", f"none, {arbiter.machine.reason.words}")
         for one in decisions:
             self._check_command(one, cell)
         for request, age in self._waiting:
