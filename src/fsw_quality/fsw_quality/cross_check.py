@@ -15,8 +15,8 @@ from fsw_recorder.manifest import Manifest, sha256
 from fsw_schema.models import json_content_of, validate
 
 _RECORD = b'"fsw_weld_record"'
-#: fields of a record that the bag alone does not give: where it was, who had attested it, and what it was compared with
-_BESIDE = {"bag", "proof", "comparison"}
+#: fields of a record that the bag alone does not give: where it was, and what it was compared with
+_BESIDE = {"bag", "comparison"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,7 @@ def check_documents(
         findings += list(record_findings(name, record, weld)) or _edited(name, record, weld, progress)
     linked = {*records, *_pages(documents, records)}
     notes = [finding(Code.DOCUMENT_FOREIGN, name) for name in documents if name not in linked]
+    notes += [finding(Code.NOT_COMPARED, name) for name, record in records.items() if record.comparison is not None]
     return [*findings, *page_findings(documents, records)], notes
 
 

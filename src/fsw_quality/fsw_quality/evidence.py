@@ -201,14 +201,14 @@ def _repeated(draft: Attestation, chain: Chain, policy: Policy) -> int | None:
 
 
 def _write(bag: Path, entry: Path, manifest_text: str, text: str, signed: str) -> None:
-    """Write an attestation into its chain and its bag, its signature first: one without is never seen in a chain."""
+    """Write an attestation into its chain and its bag, its signature first: one without is never seen."""
     copy = bag / ATTESTATION_NAME
     for path, content in (
         (signature_path(entry), signed),
         (entry, text),
         (bag / MANIFEST_NAME, manifest_text),
-        (copy, text),
         (signature_path(copy), signed),
+        (copy, text),
     ):
         write_whole(path, content, durable=True)
 
@@ -216,7 +216,7 @@ def _write(bag: Path, entry: Path, manifest_text: str, text: str, signed: str) -
 def _end(bag: Path, manifest_text: str, files_sha256: Mapping[str, str], entry: Signed) -> Attestation:
     """Put into a bag what is in the chain already; an EvidenceError where that has been done, or for other files."""
     content = entry.content
-    if signature_path(bag / ATTESTATION_NAME).exists() or content.files_sha256 != files_sha256:
+    if (bag / ATTESTATION_NAME).exists() or content.files_sha256 != files_sha256:
         raise EvidenceError(finding(Code.ATTESTED_TWICE, bag, number=content.number, bag=content.bag))
     if content.manifest_sha256 != sha256(manifest_text.encode()):
         raise EvidenceError(finding(Code.OTHER_MANIFEST, bag))

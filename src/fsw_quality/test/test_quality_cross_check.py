@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from fsw_analysis.judgement import Verdict
-from fsw_quality import record, report
+from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
 from fsw_quality.procedure import Procedure, load, signer_of
@@ -27,6 +27,7 @@ pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/q
 pytest.importorskip("pypdf", reason="not installed: pip install -r requirements/quality.lock")
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
+OTHERS = {"welds": ["weld_0"], "figures": []}
 ALL = (report.JSON, report.PAGE, report.PDF)
 
 
@@ -92,6 +93,28 @@ def test_what_fits_together_is_attested_and_verified(shop: Path, welded_by: Proc
     assert [entry.code for entry in changed.findings] == [Code.DOCUMENT_CHANGED]
 
 
+@pytest.mark.parametrize("steps", [4, 5])
+def test_a_crash_while_a_record_is_attested_is_mended_by_the_same_call(
+    shop: Path, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The record says that the bag was not attested when it was written, which is still so."""
+    write, written = evidence.write_whole, list[Path]()
+
+    def dying(path: Path, text: str, **options: bool) -> None:
+        written.append(path)
+        if len(written) == steps:
+            raise KeyboardInterrupt
+        write(path, text, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(evidence, "write_whole", dying)
+        with pytest.raises(KeyboardInterrupt):
+            codes(shop, signed_for(shop))
+    assert codes(shop, signed_for(shop)) == []
+    trusted = load_trusted([shop / "key.pub"])
+    assert verify_bag(shop / "weld_1", Policy(trusted), NOW).findings == []
+
+
 def test_the_record_of_another_weld(shop: Path) -> None:
     shutil.copyfile(shop / "weld_2" / "record" / "record.json", shop / "weld_1" / "record" / "record.json")
     assert codes(shop, signed_for(shop, names=("record.json",))) == [
@@ -116,6 +139,7 @@ def accept_all(content: dict[str, Any]) -> None:
         (accept, Code.RECORD_EDITED),
         (accept_all, Code.RECORD_EDITED),
         (lambda content: content["rules"].pop(), Code.RECORD_EDITED),
+        (lambda content: content.update(proof=["attested as weld 7 by the inspector"]), Code.RECORD_EDITED),
         (lambda content: content["identity"].update(canister="C-9"), Code.RECORD_OTHER_IDENTITY),
         (lambda content: content["procedure"].update(sha256="0" * 64), Code.RECORD_OTHER_PROCEDURE),
     ],
@@ -125,6 +149,13 @@ def test_an_edited_record(shop: Path, change: Callable[[dict[str, Any]], object]
     assert json.loads(path.read_text())["verdict"] == "reject"
     edit(path, change)
     assert codes(shop, signed_for(shop, names=("record.json",))) == [code]
+
+
+def test_a_comparison_with_earlier_welds_is_noted_as_not_checked(shop: Path) -> None:
+    edit(shop / "weld_1" / "record" / "record.json", lambda content: content.update(comparison=OTHERS))
+    subject = signed_for(shop, names=("record.json",))
+    made = attest(subject, shop / "chain", load_private(shop / "key"), NOW)
+    assert Code.NOT_COMPARED in [note.code for note in made.notes]
 
 
 def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedure) -> None:

@@ -83,6 +83,7 @@ class Code(StrEnum):
     DOCUMENT_ABSENT = "document_absent", "was attested with the bag and is not here; give it by --with"
     DOCUMENT_FOREIGN = "document_foreign", "was attested as it was; nothing links its content to the bag"
     NOT_JUDGED_AGAIN = "not_judged_again", "was compared with the bag when it was attested, not now"
+    NOT_COMPARED = "not_compared", "its comparison with earlier welds was not checked against their records"
     CLOCK_UNKNOWN = "clock_unknown", "times are as stated: the recorder's clock was not known to be synchronized"
 
 
