@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
 from fsw_control.cause import Cause
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Reason
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
@@ -108,7 +108,7 @@ def _tables(scenario: Scenario, signals: WeldSignals) -> Iterator[tuple[str, Row
         source=signals.command_source,
         healthy=np.full(signals.n_ticks, True),
     )
-    why = [(Reason(ReasonCode.STATE, detail=words) if words else Reason()).fields for words in signals.command_reason]
+    why = [Reason.of(words).fields for words in signals.command_reason]
     commands = [{**row, "why": reason} for row, reason in zip(commands, why, strict=True)]
     yield "/fsw/command", commands, [True] * signals.n_ticks
     states = _rows(
