@@ -30,13 +30,13 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from report import parser, save, show
-from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Proposal, run_controller, weld
 from fsw_control import messages_ros as convert
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_control.topics_ros import sensor_publishers
+from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldReference
 from fsw_scenario.launcher import Launcher
 
 ACTIVE, SHADOW = "decentral", "nmpc"
@@ -61,6 +61,10 @@ def run_dummy(name, arguments):
     return run_controller(Dummy, name=name, args=["dummy", *arguments])
 
 
+#: by sensor, its mean and spread
+_SHOWN = (("depth", weld.DEPTH_MM, 1e-3), ("torque", 1052.86, 1.0), ("thermocouple", weld.TEMPERATURE_C, 0.2))
+
+
 class Meter:
     """Publishes measurements at a rate and notes when proposals and commands come back."""
 
@@ -70,9 +74,8 @@ class Meter:
         self.node = rclpy.create_node("meter")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        kinds = {"drives": DriveFeedback, "depth": ShoulderDepth, "spindle_torque": SpindleTorque}
-        kinds["thermocouple"] = Temperature
-        self._sensors = [self.node.create_publisher(kind, f"fsw/{name}", 10) for name, kind in kinds.items()]
+        self._drives = self.node.create_publisher(DriveFeedback, "fsw/drives", 10)
+        self._sensors = sensor_publishers(self.node)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._references = self.node.create_publisher(WeldReference, "fsw/reference", kept)
         self._references.publish(WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C))
@@ -109,14 +112,9 @@ class Meter:
     def _tick(self):
         stamp, noise = time.time_ns(), self._noise.gauss
         self.sent[stamp] = time.monotonic()
-        messages = (
-            convert.drives_message(self._acting, stamp),
-            convert.depth_message(noise(weld.DEPTH_MM, 1e-3), stamp),
-            convert.torque_message(noise(1052.86, 1.0), stamp),
-            convert.temperature_message(noise(weld.TEMPERATURE_C, 0.2), stamp),
-        )
-        for sensor, message in zip(self._sensors, messages, strict=True):
-            sensor.publish(message)
+        self._drives.publish(convert.drives_message(self._acting, stamp))
+        for name, value, spread in _SHOWN:
+            self._sensors[name].publish(convert.sensor_message(name, noise(value, spread), stamp))
 
     def _on_proposal(self, message):
         self.proposed.setdefault(convert.stamp_ns(message.header.stamp), time.monotonic())

@@ -27,7 +27,7 @@ import rclpy
 from processes import memory_mib, processor_s
 from report import parser, save, show
 
-from fsw_analysis.messages import SENSOR_FIELDS
+from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_recorder.bag_reader import BagReader
@@ -39,7 +39,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load
 
 AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
-SENSORS = {topic for topic, _ in SENSOR_FIELDS.values()}
+SENSORS = set(SENSOR_TOPICS.values())
 #: of nodes whose start is timed by itself
 MODULES = {
     "fsw_plant": "fsw_plant.plant_node",

@@ -29,6 +29,7 @@ import yaml
 from report import parser, save, show
 
 from fsw_analysis.report import templates, wilson
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_plant import PlantConfig
 from fsw_plant.actuators import Actuator
 from fsw_quality.diagnosis import Limits, load_limits
@@ -88,7 +89,7 @@ def scenario(process, seed, events, factors, correlation_s, controller):
     plant = {"seed": seed, **(CANISTER if process == "canister" else {})}
     spread = {name: float(random.normal(1.0, 0.02)) for name in MODEL}
     plant["model"] = spread | {name: spread.get(name, 1.0) * factor for name, factor in factors.items()}
-    plant["sensors"] = {f"{name}_noise_correlation_s": correlation_s for name in ("depth", "torque", "temperature")}
+    plant["sensors"] = {f"{SENSORS[name].stem}_noise_correlation_s": correlation_s for name in REQUIRED}
     sine = {"amplitude_nm": float(random.uniform(1.0, 5.0)), "period_s": float(random.uniform(15.0, 60.0))}
     found = [
         {"at_s": 0.0, "disturbance": {"channel": "torque", "shape": "sine", **sine}},

@@ -29,7 +29,7 @@ if __name__ == "__main__":
 
 from report import Figures, parser, save
 
-from fsw_control.contract import SENSORS, Command, Limits, Proposal
+from fsw_control.contract import Command, Limits, Proposal
 from fsw_control.host import answer
 from fsw_control.parameters import defaults, load
 from fsw_control.validity import SensorGuard
@@ -120,10 +120,8 @@ class _Weld:
             for event in case.events:
                 plant.begin(copy(event))
         self._failed = failed
-        _, stamp_ns, *sent, drives = plant.measure()
-        values = {
-            name: s.value for name, all_ in zip(SENSORS, sent, strict=True) for s in all_ if s.stamp_ns == stamp_ns
-        }
+        reading = plant.measure()
+        stamp_ns, values, drives = reading.stamp_ns, reading.values, reading.drives
         measurement = self._guard.measure(stamp_ns * 1e-9, values, drives)
         proposals = {
             name: self._spoilt(name, answer(controller, measurement, self._reference, self._applied, STEP_S), failed)

@@ -28,7 +28,7 @@ if __name__ == "__main__":
 
 from report import Figures, parser, save, show
 
-from fsw_analysis.messages import SENSOR_FIELDS
+from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
@@ -39,7 +39,7 @@ from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_scenario.scenario_file import Scenario, load
 
 #: of each tick the plant sends these
-FROM_PLANT = (*(topic for topic, _ in SENSOR_FIELDS.values()), "/fsw/drives", "/fsw/plant/truth")
+FROM_PLANT = (*SENSOR_TOPICS.values(), "/fsw/drives", "/fsw/plant/truth")
 #: and the others answer with these; only the last tick of a weld may be without an answer
 ANSWERS = (
     "/fsw/command",

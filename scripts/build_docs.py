@@ -37,7 +37,7 @@ from mkdocs.structure.files import File
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_campaign.definition import Campaign
-from fsw_control.parameters import ParameterSpec, parse
+from fsw_control.parameters import INCLUDE, ParameterSpec, parse
 from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
@@ -91,7 +91,7 @@ def describes_parameters(text: str) -> bool:
     """Whether a YAML file is one that describes parameters."""
     content = yaml.safe_load(text)
     return isinstance(content, dict) and all(
-        isinstance(entry, dict) and "default_value" in entry for entry in content.values()
+        name == INCLUDE or (isinstance(entry, dict) and "default_value" in entry) for name, entry in content.items()
     )
 
 

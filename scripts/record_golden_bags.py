@@ -25,6 +25,7 @@ from fsw_analysis import kpi
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
+from fsw_control.sensors import SENSORS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.recover import recover
@@ -44,8 +45,8 @@ BAGS = {
     "model_uncertainty": ("model_uncertainty", "nmpc"),
 }
 TOPICS = (
-    "/fsw/(depth|spindle_torque|thermocouple|drives|reference|command|plant/truth|supervisor/(state|reference)|"
-    "[a-z_]+/proposal)"
+    f"/({'|'.join(row.topic for row in SENSORS.values())}|"
+    "fsw/(drives|reference|command|plant/truth|supervisor/(state|reference)|[a-z_]+/proposal))"
 )
 ATTACHMENTS = ("scenario.yaml", "parameters/fsw_nmpc.yaml", "parameters/fsw_decentral.yaml")
 GOLDEN = WORKSPACE / "test" / "golden"

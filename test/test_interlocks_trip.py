@@ -31,12 +31,7 @@ class Loop:
     def tick(self):
         reading, self.now_s, out = self.plant.measure(), self.now_s + weld.TICK_S, []
         out += self.arbiter.on_drives(reading.stamp_ns, reading.drives, self.now_s)
-        samples = zip(
-            ("depth", "torque", "thermocouple"),
-            (reading.depth_mm, reading.torque_nm, reading.temperature_c),
-            strict=True,
-        )
-        for sensor, (sample,) in samples:
+        for sensor, (sample,) in reading.samples.items():
             out += self.arbiter.on_sample(sensor, sample.stamp_ns, sample.value, self.now_s)
         out += self.arbiter.on_proposal(
             "decentral", ProposalInput(reading.stamp_ns, "decentral", self.start), self.now_s

@@ -14,6 +14,7 @@ import pytest
 import fsw
 from fsw_control import weld
 from fsw_control.parameters import defaults, load
+from fsw_control.sensors import SENSORS
 from fsw_model import STEP_S, ProcessModel, nominal
 
 SOURCES = Path(__file__).resolve().parents[1] / "src"
@@ -170,6 +171,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
     said = declared(package, *_TAGS)
     started = {
         "fsw_bringup": said,
+        "fsw_control": {row.message.partition("/")[0] for row in SENSORS.values()},
         "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
     assert needed - said == set()

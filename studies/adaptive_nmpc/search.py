@@ -8,7 +8,7 @@ from math import exp, log
 from typing import Any
 
 from adaptive_nmpc.study import ADAPTIVE, FIXED, controllers, errors
-from controller_comparison.processes import SENSORS
+from controller_comparison.processes import CORRELATIONS
 from fsw.progress import ProgressBar
 from fsw_model import nominal as nominal_parameters
 from fsw_scenario.standard_cases import CASES
@@ -19,7 +19,7 @@ _DEAD_S = nominal_parameters().dead_time_s
 UNIFORM = {
     "model.dead_time_s": (1.0 - 1.0 / _DEAD_S, 1.0 + 4.0 / _DEAD_S),
     "sensors.temperature_lag_s": (0.0, 3.0),
-    **{f"sensors.{of}_noise_correlation_s": (0.0, 5.0) for of in SENSORS},
+    **dict.fromkeys(CORRELATIONS, (0.0, 5.0)),
 }
 FACTORS = {
     "model.thermal_gain_c_per_kw": (0.5, 2.0),

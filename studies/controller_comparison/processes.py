@@ -6,6 +6,7 @@ import random
 from collections.abc import Mapping
 from pathlib import Path
 
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_model import nominal
 
 
@@ -46,12 +47,13 @@ FIXED = (
     *("torque × 0.85", "softening × 0.5", "softening × 2", "thermal lag × 0.5", "thermal lag × 2"),
     *("dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s", "loop latency 0.1 s"),
 )
-SENSORS = ("depth", "torque", "temperature")
+#: parameters of the sensors' noise
+CORRELATIONS = tuple(f"sensors.{SENSORS[name].stem}_noise_correlation_s" for name in REQUIRED)
 #: Noise of the nominal size that is correlated, and a lag of the thermocouple's probe. No controller knows of them. The
 #: times are chosen.
 SENSING: dict[str, dict[str, float]] = {
     "white, no lag": {},
-    **{f"correlated {s:g} s": {f"sensors.{of}_noise_correlation_s": s for of in SENSORS} for s in (1.0, 5.0)},
+    **{f"correlated {s:g} s": dict.fromkeys(CORRELATIONS, s) for s in (1.0, 5.0)},
     **{f"lag {s:g} s": {"sensors.temperature_lag_s": s} for s in (1.0, 3.0)},
 }
 SENSING["correlated 5 s, lag 3 s"] = SENSING["correlated 5 s"] | SENSING["lag 3 s"]
@@ -68,7 +70,7 @@ RANDOM: dict[str, tuple[float, float]] = {
 }
 #: The same with sensors that differ, too.
 RANDOM_SENSING = RANDOM | {
-    **{f"sensors.{of}_noise_correlation_s": (0.0, 5.0) for of in SENSORS},
+    **dict.fromkeys(CORRELATIONS, (0.0, 5.0)),
     "sensors.temperature_lag_s": (0.0, 3.0),
 }
 

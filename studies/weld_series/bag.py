@@ -14,9 +14,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
 from fsw_control.cause import Cause
 from fsw_control.reason import Reason
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM, m_from_mm, n_from_kn
 from fsw_control.weld import TICK_NS
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
@@ -27,9 +29,7 @@ from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 
 TOPICS = {
-    "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
-    "/fsw/spindle_torque": "fsw_msgs/msg/SpindleTorque",
-    "/fsw/thermocouple": "sensor_msgs/msg/Temperature",
+    **{SENSOR_TOPICS[name]: SENSORS[name].message for name in REQUIRED},
     "/fsw/drives": "fsw_msgs/msg/DriveFeedback",
     "/fsw/plant/truth": "fsw_msgs/msg/PlantState",
     "/fsw/reference": "fsw_msgs/msg/WeldReference",
@@ -154,9 +154,12 @@ def _sensors(signals: WeldSignals) -> dict[str, Rows]:
     numbers |= {key: numbers[key].astype(np.int64) for key in ("watchdog", "refused_commands")}
     faults = ({"active_faults": one.split(",") if one else []} for one in truth.active_faults)
     return {
-        "/fsw/depth": _rows(depth=signals.depth_mm / MM),
-        "/fsw/spindle_torque": _rows(torque=signals.torque_nm),
-        "/fsw/thermocouple": _rows(temperature=signals.temperature_c),
+        **{
+            SENSOR_TOPICS[name]: _rows(
+                **{(row := SENSORS[name]).quantity.name: row.on_wire(getattr(signals, row.signal))}
+            )
+            for name in REQUIRED
+        },
         "/fsw/drives": _rows(
             axial_force=n_from_kn(1.0) * drives.force_kn, spindle_speed=RAD_PER_S_PER_RPM * drives.speed_rpm
         ),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.parameter import Parameter, parameter_value_to_python
-from sensor_msgs.msg import Temperature
 
 from fsw.commissioning import Guard, Heard
 from fsw.errors import CommandError
@@ -21,16 +20,17 @@ from fsw.weld_ros import abort, follow
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import SAFE_STOP
-from fsw_control.topics_ros import LATEST, STREAM
+from fsw_control.sensors import REQUIRED, SENSORS
+from fsw_control.topics_ros import LATEST, subscribe_sensors
 from fsw_control.weld import TICK_S
 from fsw_msgs.action import RunWeld
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+from fsw_msgs.msg import DriveFeedback, SupervisorState, WeldCommand, WeldReference
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.weld_programme import State
 
 _RECORDER = "fsw_commission_recorder"
 #: what must be recorded before anything moves
-_RECORDED = ("fsw/depth", "fsw/spindle_torque", "fsw/thermocouple", "fsw/drives", "fsw/command", "fsw/reference")
+_RECORDED = (*(SENSORS[name].topic for name in REQUIRED), "fsw/drives", "fsw/command", "fsw/reference")
 
 
 def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
@@ -41,29 +41,22 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
         commands = node.watch(WeldCommand, "fsw/command")
         drives = node.watch(DriveFeedback, "fsw/drives")
-        depths = node.watch(ShoulderDepth, "fsw/depth")
-        torques = node.watch(SpindleTorque, "fsw/spindle_torque")
-        temperatures = node.watch(Temperature, "fsw/thermocouple")
-        heard = (commands, drives, depths, torques, temperatures)
+        sensors = node.watch_sensors()
+        heard = {"commands": commands, "drives": drives, **sensors}
         patience_s = node.timeout_s + 2.0 * ticks * TICK_S
-        if not node.wait_until(lambda: states and all(len(one) >= ticks for one in heard), patience_s):
-            counts = ", ".join(
-                f"{len(one)} of {name}"
-                for name, one in zip(("commands", "drives", "depth", "torque", "temperature"), heard, strict=True)
-            )
+        if not node.wait_until(lambda: states and all(len(one) >= ticks for one in heard.values()), patience_s):
+            counts = ", ".join(f"{len(one)} of {name}" for name, one in heard.items())
             late = f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}"
             raise CommandError(f"{late}: {counts}; does the graph run there?")
-        reference = node.set_points_in_force(set_points, depths)
+        reference = node.set_points_in_force(set_points, sensors["depth"])
     state = states[-1]
     names = {one.name for one in state.controllers}
     commanded = [convert.command(one) for one in commands]
     force_kn = sum(one.force_kn for one in commanded) / len(commanded)
     speed_rpm = sum(one.speed_rpm for one in commanded) / len(commanded)
     return Heard(
-        time_s=[1e-9 * convert.stamp_ns(one.header.stamp) for one in depths],
-        depth_mm=[units.mm_from_m(one.depth) for one in depths],
-        torque_nm=[one.torque for one in torques],
-        temperature_c=[one.temperature for one in temperatures],
+        time_s=[1e-9 * convert.stamp_ns(one.header.stamp) for one in sensors["depth"]],
+        **{SENSORS[name].signal: [convert.sensor_value(name, one) for one in sensors[name]] for name in REQUIRED},
         force_kn=[units.kn_from_n(one.axial_force) - force_kn for one in drives],
         speed_rpm=[units.rpm_from_rad_s(one.spindle_speed) - speed_rpm for one in drives],
         reference=None if reference is None else (reference.depth_mm, reference.temperature_c),
@@ -112,12 +105,7 @@ def _welded(arguments: argparse.Namespace, text: str, guard: Guard, launcher: La
         with operator(arguments) as node:
             _must_control(node)
             launcher.wait_until(lambda: _is_recorded(node), arguments.timeout + 60.0, "the recorder")
-            node.node.create_subscription(
-                ShoulderDepth, "fsw/depth", lambda one: take("depth", units.mm_from_m(one.depth)), STREAM
-            )
-            node.node.create_subscription(
-                Temperature, "fsw/thermocouple", lambda one: take("temperature", one.temperature), STREAM
-            )
+            subscribe_sensors(node.node, lambda name, _, value: take(SENSORS[name].stem, value))
             outcome = follow(node, RunWeld.Goal(scenario=text), lambda: stopped)
             return stopped[0] if stopped else "", outcome
     except KeyboardInterrupt:

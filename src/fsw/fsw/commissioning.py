@@ -263,11 +263,14 @@ class Guard:
     _outside: dict[str, int] = field(default_factory=dict)
 
     def take(self, sensor: str, value: float) -> str:
-        """Why to end, with a sample of ``depth`` or ``temperature``; empty: go on."""
-        middle, most, unit = {
+        """Why to end, with a sample of a sensor, by the stem of its names; empty: go on."""
+        bounds = {
             "depth": (weld.DEPTH_MM, self.depth_mm, "mm"),
             "temperature": (weld.TEMPERATURE_C, self.temperature_c, "degC"),
-        }[sensor]
+        }
+        if sensor not in bounds:
+            return ""
+        middle, most, unit = bounds[sensor]
         outside = not abs(value - middle) <= most  # NaN, too
         self._outside[sensor] = self._outside.get(sensor, 0) + 1 if outside else 0
         if self._outside[sensor] < 3:

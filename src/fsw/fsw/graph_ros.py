@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
 from fsw.console import print_table, program
@@ -19,8 +18,9 @@ from fsw_control import units
 from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+from fsw_msgs.msg import SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import ListControllers, SetMode, SetReference, SwitchController
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry
 from fsw_plant.event_schema import fault as checked_fault
@@ -118,11 +118,10 @@ def status(arguments: argparse.Namespace) -> int:
         set_points = node.watch_set_points()
         stated = node.watch(WeldReference, "fsw/supervisor/reference", LATEST)
         commands = node.watch(WeldCommand, "fsw/command")
-        depths = node.watch(ShoulderDepth, "fsw/depth")
-        torques = node.watch(SpindleTorque, "fsw/spindle_torque")
-        temperatures = node.watch(Temperature, "fsw/thermocouple")
+        sensors = node.watch_sensors(SENSORS)
+        depths = sensors["depth"]
         reports = node.watch(DiagnosticArray, "/diagnostics")
-        received = (states, set_points, stated, commands, depths, torques, temperatures)
+        received = (states, set_points, stated, commands, *(sensors[name] for name in REQUIRED))
         if not node.wait_until(lambda: any(received)):
             raise CommandError(f"no weld graph on {graph_text(node)}: start it, or set ROS_DOMAIN_ID or --namespace")
         node.wait_until(lambda: all(received) and _publishers(node.node) <= node.node_names(), _SETTLE_S)
@@ -136,13 +135,13 @@ def status(arguments: argparse.Namespace) -> int:
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
     rows += source_rows(bool(depths), sources, _latest(reports, space, sources))
-    for label, values, target, unit in (
-        ("depth", [units.mm_from_m(one.depth) for one in depths], reference and reference.depth_mm, "mm"),
-        ("temperature", [one.temperature for one in temperatures], reference and reference.temperature_c, "degC"),
-        ("torque", [one.torque for one in torques], None, "N m"),
-    ):
-        measured = f"{values[-1]:.5g} {unit}" if values else "not measured"
-        rows.append((label, measured if target is None else f"{measured}   set-point {target:.4g} {unit}"))
+    for name, messages in sensors.items():
+        if not messages and name not in REQUIRED:
+            continue
+        row = SENSORS[name]
+        unit, target = row.quantity.unit, getattr(reference, row.signal, None)
+        measured = f"{convert.sensor_value(name, messages[-1]):.5g} {unit}" if messages else "not measured"
+        rows.append((row.label.lower(), measured if target is None else f"{measured}   set-point {target:.4g} {unit}"))
     if reference is None:
         rows.append(("set-points", "none yet"))
     command = "none"

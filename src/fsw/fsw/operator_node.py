@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import rclpy
@@ -25,6 +25,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import reference_queue, subscribe_references
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth
 
@@ -89,6 +90,10 @@ class Operator:
         received: list[Any] = []
         self.node.create_subscription(kind, topic, received.append, profile)
         return received
+
+    def watch_sensors(self, names: Iterable[str] = REQUIRED) -> dict[str, list[Any]]:
+        """The same of sensors, by name."""
+        return {name: self.watch(convert.message_type(name), SENSORS[name].topic) for name in names}
 
     def watch_set_points(self) -> ReferenceQueue:
         """Set-points as they were sent and as the supervisor keeps them, while this object spins."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 import numpy.typing as npt
 
 from fsw_analysis.weld_signals import FloatArray, TextArray, WeldSignals
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import SENSORS
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
@@ -26,7 +26,7 @@ _APART_S = 5.0
 #: of a programme that has ended
 OVER = ("done", "aborted")
 #: by sensor, the signal that is its samples
-SENSOR_SIGNALS = dict(zip(SENSORS, ("depth_mm", "torque_nm", "temperature_c"), strict=True))
+SENSOR_SIGNALS = {name: row.signal for name, row in SENSORS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +103,7 @@ def course_of(signals: WeldSignals) -> Course:
         "depth_mm": signals.depth_mm,
         "temperature_c": signals.temperature_c,
         "torque_nm": signals.torque_nm,
+        **signals.optional,
         "force_kn": force,
         "speed_rpm": speed,
         "power_kw": signals.torque_nm * speed * KW_PER_NM_RPM,
@@ -149,9 +150,10 @@ class UnusableSamples:
         self._guard = SensorGuard()
         self.counts = {name: Counter[str]() for name in SENSORS}  #: by sensor and reason
 
-    def add(self, time_s: float, samples: Iterable[float]) -> None:
-        """Take a tick: a value of each of ``SENSORS``, NaN where there is none."""
-        self._guard.measure(time_s, {name: one for name, one in zip(SENSORS, samples, strict=True) if isfinite(one)})
+    def add(self, time_s: float, values: Mapping[str, float]) -> None:
+        """Take a tick: values by signal, NaN where there is none."""
+        samples = {name: values.get(signal, nan) for name, signal in SENSOR_SIGNALS.items()}
+        self._guard.measure(time_s, {name: value for name, value in samples.items() if isfinite(value)})
         for name, reason in self._guard.reasons.items():
             if reason:
                 self.counts[name][reason] += 1
@@ -160,9 +162,9 @@ class UnusableSamples:
 def unusable_samples(course: Course) -> dict[str, Counter[str]]:
     """Samples of a weld that would be held or left out, by sensor and reason."""
     found = UnusableSamples()
-    columns = [course.values[name].tolist() for name in SENSOR_SIGNALS.values()]
-    for time_s, *samples in zip(course.time_s.tolist(), *columns, strict=True):
-        found.add(time_s, samples)
+    columns = {name: course.values[name].tolist() for name in SENSOR_SIGNALS.values() if name in course.values}
+    for time_s, *values in zip(course.time_s.tolist(), *columns.values(), strict=True):
+        found.add(time_s, dict(zip(columns, values, strict=True)))
     return found.counts
 
 

@@ -31,6 +31,7 @@ def weld_table(signals: WeldSignals) -> dict[str, Column]:
     for prefix, group in groups:
         values = {one.name: getattr(group, one.name) for one in fields(group)} if group is not None else {}
         table |= {prefix + name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        table |= values.get("optional", {})
         table |= {f"{prefix}disturbance {name}": value for name, value in values.get("disturbances", {}).items()}
     return table
 

@@ -18,6 +18,7 @@ from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import Limits
+from fsw_control.sensors import SENSORS
 
 _REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
 _LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
@@ -216,6 +217,9 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
         axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
         shown.append(reference)
     curves: list[FloatArray] = []
+    for label, values in _others(runs[0].signals, panel).items() if len(runs) == 1 else ():
+        axis.plot(runs[0].signals.time_s, values, alpha=0.7, linewidth=0.7, label=label)
+        shown.append(values)
     for run, colour in zip(runs, _colours(runs), strict=True):
         true, sensed = _values(run.signals, panel), getattr(run.signals, panel.sensor) if panel.sensor else None
         if sensed is not None and true is not None and len(runs) == 1:
@@ -227,6 +231,12 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     _draw_curves(axis, panel, runs, curves)
     shown += curves
     _scale(axis, panel, shown)
+
+
+def _others(signals: WeldSignals, panel: _Panel) -> dict[str, FloatArray]:
+    """Optional sensors of the panel's quantity that the weld has, by title."""
+    rows = (row for row in SENSORS.values() if row.quantity.signal == panel.sensor)
+    return {row.title: signals.optional[row.signal] for row in rows if row.signal in signals.optional}
 
 
 def _colours(runs: Sequence[Run]) -> list[str]:

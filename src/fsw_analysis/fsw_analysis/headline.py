@@ -6,13 +6,12 @@ from typing import Any, Literal
 
 from fsw_analysis.exceedances import Exceedance
 from fsw_analysis.judgement import Account, Rule, Verdict
+from fsw_control.sensors import SENSORS
 
 Level = Literal["good", "medium", "high"]
 _LEVELS: dict[Verdict, Level] = {Verdict.ACCEPT: "good", Verdict.REVIEW: "medium", Verdict.REJECT: "high"}
 VARIABLES = {
-    "depth_mm": "depth",
-    "temperature_c": "temperature",
-    "torque_nm": "torque",
+    **{row.signal: row.label.lower() for row in SENSORS.values()},
     "force_kn": "force",
     "speed_rpm": "speed",
     "power_kw": "power",

@@ -23,7 +23,7 @@ from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S as TICK
 from fsw_recorder.errors import BagError
@@ -283,9 +283,9 @@ def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
 def _sensors(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
     stamp = evidence.stamp_ns
     day = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, tz=UTC).date()
-    required = [Sensor(name=name) for name in SENSORS] if procedure is None else procedure.sensors
+    required = [Sensor(name=name) for name in REQUIRED] if procedure is None else procedure.sensors
     for sensor in required:
-        missing = course.missing[_SIGNALS[sensor.name]]
+        missing = course.missing.get(_SIGNALS[sensor.name], course.time_s.size)
         faults = [f"{missing} of {course.time_s.size} samples missing"] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
         faults += [f"{count} {fault}" for fault, count in reasons.items() if fault != "missing"]

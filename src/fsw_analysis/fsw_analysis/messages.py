@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fsw_analysis.weld_signals import IntArray
-from fsw_control import contract
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import UNKNOWN_NS, BagReader
 from fsw_recorder.definitions import Definitions
@@ -34,12 +34,10 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
     "numbers": (np.ndarray, np.empty(0)),
     "texts": (list, []),
 }
-#: topic and field of each of `fsw_control.contract.SENSORS`
-SENSOR_FIELDS = {sensor: (f"/{topic}", field) for sensor, (topic, field) in contract.SENSOR_FIELDS.items()}
+#: by sensor
+SENSOR_TOPICS = {name: f"/{row.topic}" for name, row in SENSORS.items()}
 #: topics of which a weld has at least one, after its namespace
-_OF_A_WELD = re.compile(
-    rf"(.*)(?:{'|'.join(topic for topic, _ in SENSOR_FIELDS.values())}|/fsw/plant/truth|/fsw/command)"
-)
+_OF_A_WELD = re.compile(rf"(.*)(?:{'|'.join(SENSOR_TOPICS.values())}|/fsw/plant/truth|/fsw/command)")
 
 
 class Table:
@@ -135,7 +133,7 @@ class WeldMessages:
         """Order the messages of each topic by receive times or, where the sensors' are wrong, by publish times."""
         for messages in self.raw.values():
             messages.sort(key=itemgetter(0))
-        sensors = [self.raw.get(topic, []) for topic, _ in SENSOR_FIELDS.values()]
+        sensors = [self.raw.get(topic, []) for topic in SENSOR_TOPICS.values()]
         wrong = any(map(_simultaneous, sensors))
         if not wrong and any(map(_goes_back, sensors)):  # else the plant was started again, if these go back, too
             wrong = not any(_goes_back(sorted(messages, key=itemgetter(1))) for messages in sensors)
@@ -171,6 +169,12 @@ class WeldMessages:
                 yield log_ns, publish_ns, message
         if damaged:
             self.problems.append(f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out")
+
+    def sensors(self) -> dict[str, tuple[Table, Column]]:
+        """Messages of each sensor, with its values in the unit inside."""
+        fields = {name: row.quantity.name for name, row in SENSORS.items()}
+        tables = {name: self.table(SENSOR_TOPICS[name], {field: "number"}) for name, field in fields.items()}
+        return {name: (table, SENSORS[name].inside(table.column(fields[name]))) for name, table in tables.items()}
 
     def table(self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None) -> Table:
         """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import SENSORS
 from fsw_recorder.findings import Code, EvidenceError, finding
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
 from fsw_schema.models import InputError, Many, Model, Name, content_of, problem, validate

@@ -17,7 +17,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages
+from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages
 from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
@@ -28,7 +28,8 @@ from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import Source, load, load_source, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.references import ReferencePlan
-from fsw_control.units import NANOSECONDS, kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
+from fsw_control.sensors import REQUIRED
+from fsw_control.units import NANOSECONDS, kn_from_n, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_recorder.errors import BagError
@@ -256,9 +257,9 @@ class _Inputs:
 
     def __init__(self, messages: WeldMessages, name: str) -> None:
         self._messages = messages
-        sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
+        sensors = messages.sensors()
         self._sent, self._held = (read_set_points(messages, topic) for topic in (SENT, HELD))
-        missing = [SENSOR_FIELDS[sensor][0] for sensor, table in sensors.items() if not table]
+        missing = [SENSOR_TOPICS[name] for name in REQUIRED if not sensors[name][0]]
         missing += [] if self._sent or self._held else [SENT]
         if missing:
             raise BagError(f"{messages.path}: cannot be replayed, it has no {', '.join(missing)}")
@@ -272,9 +273,8 @@ class _Inputs:
         #: value by stamp, by sensor; of several with one stamp the first
         self._samples: dict[str, dict[int, _Sent[float]]] = {}
         received: dict[int, int] = {}
-        for sensor, table in sensors.items():
-            values: list[float] = table.column(SENSOR_FIELDS[sensor][1]).tolist()
-            samples = list(_sent(table, [mm_from_m(value) for value in values] if sensor == "depth" else values))
+        for sensor, (table, values) in sensors.items():
+            samples = list(_sent(table, values.tolist()))
             self._samples[sensor] = dict(reversed(samples))
             for stamp_ns, sent in samples:
                 received[stamp_ns] = max(sent.log_ns, received.get(stamp_ns, sent.log_ns))

@@ -12,6 +12,7 @@ import yaml
 
 from fsw_analysis.replay import Replay
 from fsw_control.reason import Reason
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS, n_from_kn, rad_s_from_rpm
 from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
@@ -30,9 +31,10 @@ def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> 
     BagError
         The bag cannot be written.
     """
+    sensors = "|".join(row.topic for row in SENSORS.values())
     shown = re.compile(
-        rf"/clock|{namespace}/fsw/(depth|spindle_torque|thermocouple|drives|reference|reference_plan|command|plant/truth"
-        rf"|weld_progress|operator_action|alarms|supervisor/(state|reference)|{replay.controller}/reference)"
+        rf"/clock|{namespace}/({sensors}|fsw/(drives|reference|reference_plan|command|plant/truth|weld_progress"
+        rf"|operator_action|alarms|supervisor/(state|reference)|{replay.controller}/reference))"
     )
     topic = f"{namespace}/fsw/{replay.controller}/proposal"
     node = f"{namespace}/fsw_{replay.controller}"

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fsw_analysis import events
-from fsw_analysis.messages import SENSOR_FIELDS, Column, Kind, Table, WeldMessages
+from fsw_analysis.messages import SENSOR_TOPICS, Column, Kind, Table, WeldMessages
 from fsw_analysis.reasons import FIELDS, reasons
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
@@ -25,6 +25,7 @@ from fsw_analysis.weld_signals import (
     experiment_time_s,
 )
 from fsw_control.references import OTHER_CLOCK_NS
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_recorder.errors import BagError
 
 Group = TypeVar("Group", ProposalSignals, StatusSignals, DriveSignals, TruthSignals)
@@ -105,24 +106,23 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         There is no bag, it cannot be read, or it holds no weld, or several in namespaces.
     """
     messages = WeldMessages(path, progress)
-    sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
+    sensors = messages.sensors()
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
     command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"}, FIELDS)
     drives = messages.table("/fsw/drives", _wanted(DriveSignals))
     state = messages.table("/fsw/supervisor/state", events.STATE, events.STATE_ADDED)
-    ticks = _Ticks(_sources(messages, list(sensors.values()), [truth, command]))
-    depth, torque, temperature = (
-        ticks.align(table, table.column(SENSOR_FIELDS[name][1])) for name, table in sensors.items()
-    )
+    ticks = _Ticks(_sources(messages, [sensors[name][0] for name in REQUIRED], [truth, command]))
+    known: dict[str, Any] = {
+        name: ticks.align(*sensor) for name, sensor in sensors.items() if name in REQUIRED or sensor[0]
+    }
     applied = ticks.group(ProposalSignals, command)
     depths_in_force, temperatures_in_force = _references(messages, ticks)
     signals = WeldSignals(
         path=messages.path,
         stamp_ns=ticks.stamp_ns,
         time_s=ticks.time_s,
-        depth_mm=depth * MM,
-        torque_nm=torque,
-        temperature_c=temperature,
+        **{SENSORS[name].signal: known.pop(name) for name in REQUIRED},
+        optional={SENSORS[name].signal: values for name, values in known.items()},
         reference_depth_mm=depths_in_force,
         reference_temperature_c=temperatures_in_force,
         force_kn=applied.force_kn,
@@ -151,7 +151,7 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
     """The tables whose stamps are the ticks: the sensors' or, without any, others with a message per tick."""
     sources = [one for one in sensors if one] or [one for one in others if one]
     if not sources:
-        needed = [topic for topic, _ in SENSOR_FIELDS.values()]
+        needed = [SENSOR_TOPICS[name] for name in REQUIRED]
         complaint = (
             f"{messages.path}: not the bag of a weld: no readable message on {', '.join(needed)}, "
             f"/fsw/plant/truth or /fsw/command; it has {', '.join(sorted(messages.raw)[:8])}"

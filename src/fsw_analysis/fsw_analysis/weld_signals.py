@@ -138,6 +138,8 @@ class WeldSignals:
     #: what the supervisor had selected at the tick (held from the last message)
     actual_controller: TextArray
     actual_mode: TextArray
+    #: optional sensors that the bag has, by signal of the row in ``fsw_control.sensors``, e.g. ``depth_lvdt_mm``
+    optional: dict[str, FloatArray] = field(default_factory=dict)
     #: by controller name (``nmpc``, ``decentral``, …)
     proposals: dict[str, ProposalSignals] = field(default_factory=dict)
     statuses: dict[str, StatusSignals] = field(default_factory=dict)

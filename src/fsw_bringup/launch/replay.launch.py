@@ -16,9 +16,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from fsw_control.contract import SENSOR_FIELDS
+from fsw_control.sensors import REQUIRED, SENSORS
 
-SENSORS = [f"/{topic}" for topic, _ in SENSOR_FIELDS.values()]
+TOPICS = [f"/{SENSORS[name].topic}" for name in REQUIRED]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
@@ -74,7 +74,7 @@ def replay(context: LaunchContext) -> list[Any]:
         "bag": ParameterValue(str(bag), value_type=str),
         "rate": _rate(arguments["rate"]),
         "start_paused": arguments["start_paused"] in TRUE,
-        **({"wait_for": SENSORS} if shadows else {}),
+        **({"wait_for": TOPICS} if shadows else {}),
     }
     over = [Shutdown(reason="the player has ended")]
     replay_node = Node(package="fsw_recorder", executable="replay", parameters=[*files, player], on_exit=over, **common)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fsw_control.contract import SENSORS, Command, Controller, Diagnosis, Limits, Measurement, Plan, Proposal, Reference
+from fsw_control.contract import Command, Controller, Diagnosis, Limits, Measurement, Plan, Proposal, Reference
+from fsw_control.sensors import SENSORS
 
 if TYPE_CHECKING:
     from fsw_control.controller_node import ControllerNode as ControllerNode

@@ -7,19 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
 from fsw_control.reason import Reason
+from fsw_control.sensors import REQUIRED
 
-Sensor = Literal["depth", "torque", "thermocouple"]
-SENSORS: tuple[str, ...] = get_args(Sensor)
-#: by sensor: topic, relative to the weld's namespace, and the field of its message
-SENSOR_FIELDS = {
-    "depth": ("fsw/depth", "depth"),
-    "torque": ("fsw/spindle_torque", "torque"),
-    "thermocouple": ("fsw/thermocouple", "temperature"),
-}
 #: sources of commands that are no controllers: modes of the supervisor
 BuiltInSource = Literal["manual", "hold", "safe_stop"]
 BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
@@ -47,11 +41,13 @@ class Measurement(NamedTuple):
     #: inputs that act, as the drives report them; NaN where they do not
     force_kn: float = float("nan")
     speed_rpm: float = float("nan")
+    #: values of the optional sensors, by name; NaN where one is invalid
+    optional: Mapping[str, float] = MappingProxyType({})
 
     def invalid_sensors(self) -> tuple[str, ...]:
-        """Names (of ``SENSORS``) whose value may not be used."""
+        """Names (of ``REQUIRED``) whose value may not be used."""
         flags = (self.depth_valid, self.torque_valid, self.temperature_valid)
-        return tuple(name for name, valid in zip(SENSORS, flags, strict=True) if not valid)
+        return tuple(name for name, valid in zip(REQUIRED, flags, strict=True) if not valid)
 
 
 class Coming(NamedTuple):

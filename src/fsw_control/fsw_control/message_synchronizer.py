@@ -5,16 +5,17 @@ from __future__ import annotations
 from bisect import insort
 from dataclasses import dataclass, field
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
+from fsw_control.sensors import OPTIONAL, REQUIRED
 
 
 class JoinRules(NamedTuple):
     """The rules by which samples of several topics become ticks, in a node and in a replay of a bag.
 
     Of several samples of one sensor with one stamp the first counts. A tick is complete when it has a sample of every
-    sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
+    required sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
 
     What begins and ends a tick differs with its use: a controller gets it once it is complete (`MessageSynchronizer`);
     the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
@@ -34,11 +35,13 @@ class JoinRules(NamedTuple):
     pending_ticks: int = 2
     #: share of its patience that a tick is given, once, when this process itself has missed its deadline
     extension: float = 1.0 / 3.0
-    kept_drives: int = 16  #: samples of the drives that are kept for their tick; more than a queue holds after a stall
+    kept_optional: int = 16  #: samples of a source that are kept for their tick; more than a queue holds after a stall
     unanswered: int = 3  #: ticks without a command after which commands are not waited for
 
 
 RULES = JoinRules()
+#: source of the drives' samples, beside the sensors
+DRIVES = "drives"
 JUMP_NS = RULES.jump_ns
 #: a near stamp of one source alone is taken after so many times ``RULES.silence_s``
 _ALONE = 3.0
@@ -136,15 +139,15 @@ class MessageSynchronizer:
     needs to know what was applied). The wait ends early when all sensors that it lacks have sent newer samples (a topic
     keeps its order), when the tick after the next begins, or by :meth:`expire`.
 
-    The drives' sample is optional: it neither begins nor confirms a tick, and a tick does not wait for it. Only in
-    lockstep (``await_drives``) does a tick wait for it, provided that the previous tick had one.
+    The samples of the drives and of optional sensors neither begin nor confirm a tick, and a tick does not wait for
+    them. Only in lockstep (``await_drives``) does a tick wait for those that the previous tick had.
     """
 
     def __init__(self, await_drives: bool = False) -> None:
         #: decides which stamps are accepted
         self.stamps = StampFilter(lockstep=await_drives)
         #: by sensor, its samples ``late``, ``duplicate`` and ``missing`` since start
-        self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
+        self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in REQUIRED}
         #: sensors (and ``drives``, ``command``) that were missing in the last tick
         self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
@@ -153,14 +156,15 @@ class MessageSynchronizer:
         self._unanswered = 0
         self._pending: list[SampleSet] = []
         self._restarted = False
-        self._drives: dict[int, Command] = {}
+        #: by source, its samples by stamp
+        self._optional: dict[str, dict[int, Any]] = {source: {} for source in (DRIVES, *OPTIONAL)}
+        self._awaited = {DRIVES} if await_drives else set[str]()  # of these
         self._await_drives = await_drives
-        self._drives_come = True
         self._repeated: set[str] = set()
 
     def take_repeated(self) -> bool:
         """Whether all sensors of the last tick have sent it again since; the next call begins again."""
-        is_repeated = self._last_ns is not None and self._repeated >= set(SENSORS) - self.missed
+        is_repeated = self._last_ns is not None and self._repeated >= set(REQUIRED) - self.missed
         if is_repeated:
             self._repeated.clear()
         return is_repeated
@@ -174,15 +178,17 @@ class MessageSynchronizer:
     def lacking(self) -> frozenset[str]:
         """Sensors (and ``drives``, ``command``) that the oldest tick that is not complete still waits for."""
         oldest = self._pending[0] if self._pending else None
-        lacking = set(SENSORS).difference(oldest.values if oldest else ())
-        if self._await_drives and self._drives_come and oldest and oldest.stamp_ns not in self._drives:
-            lacking.add("drives")
+        lacking = set(REQUIRED).difference(oldest.values if oldest else ())
+        if oldest:
+            lacking |= {source for source in self._awaited if oldest.stamp_ns not in self._optional[source]}
         if not self._answered():
             lacking.add("command")
         return frozenset(lacking)
 
     def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
         """Take a sample that came at ``now_s`` on a steady clock; return the ticks that it completes, oldest first."""
+        if sensor in self._optional:
+            return self._add_optional(sensor, stamp_ns, value)
         accepted = self.stamps.offer(sensor, stamp_ns, value, now_s)
         if accepted is None or accepted.jumped:
             self.counts[sensor]["late"] += 1
@@ -204,10 +210,15 @@ class MessageSynchronizer:
 
     def add_drives(self, stamp_ns: int, acting: Command) -> list[SampleSet]:
         """Take a sample of the drives; return the ticks that it completes."""
-        self._drives_come = True
-        self._drives[stamp_ns] = acting
-        if len(self._drives) > RULES.kept_drives:
-            del self._drives[next(iter(self._drives))]
+        return self._add_optional(DRIVES, stamp_ns, acting)
+
+    def _add_optional(self, source: str, stamp_ns: int, value: Any) -> list[SampleSet]:
+        samples = self._optional[source]
+        if self._await_drives:
+            self._awaited.add(source)
+        samples[stamp_ns] = value
+        if len(samples) > RULES.kept_optional:
+            del samples[next(iter(samples))]
         return self._release()
 
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
@@ -253,7 +264,7 @@ class MessageSynchronizer:
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
     def _sources_of(self, tick: SampleSet) -> set[str]:
-        return {*tick.values, "drives"} if tick.stamp_ns in self._drives else set(tick.values)
+        return {*tick.values, *(name for name, samples in self._optional.items() if tick.stamp_ns in samples)}
 
     def _release(self) -> list[SampleSet]:
         ticks: list[SampleSet] = []
@@ -263,7 +274,7 @@ class MessageSynchronizer:
 
     def _pop(self) -> SampleSet:
         tick = self._pending.pop(0)
-        missed = [sensor for sensor in SENSORS if sensor not in tick.values]
+        missed = [sensor for sensor in REQUIRED if sensor not in tick.values]
         for sensor in missed:
             self.counts[sensor]["missing"] += 1
         if not self._answered():
@@ -271,10 +282,12 @@ class MessageSynchronizer:
             self._unanswered += 1
             # No commands arrive (a bag is replayed, or the arbiter has ended): do not wait at every tick.
             self._awaits_command = self._unanswered < RULES.unanswered
-        tick.drives = self._drives.pop(tick.stamp_ns, None)
-        self._drives_come = tick.drives is not None
-        if self._await_drives and not self._drives_come:
-            missed.append("drives")
+        stamp_ns = tick.stamp_ns
+        came = {name: samples.pop(stamp_ns) for name, samples in self._optional.items() if stamp_ns in samples}
+        missed += self._awaited - came.keys()
+        self._awaited = set(came) if self._await_drives else set()
+        tick.drives = came.pop(DRIVES, None)
+        tick.values |= came
         self.missed = frozenset(missed)
         tick.restarted = self._restarted
         self._last_ns, self._restarted = tick.stamp_ns, False

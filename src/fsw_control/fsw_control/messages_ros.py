@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from importlib import import_module
 from itertools import pairwise
 from math import nan
+from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
-from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from fsw_control import units
@@ -16,6 +18,7 @@ from fsw_control.fence import ActuatorState, Signature
 from fsw_control.ranges import set_point_problem
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason
+from fsw_control.sensors import SENSORS
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import ActuatorState as ActuatorStateMessage
@@ -24,8 +27,6 @@ from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
     Prediction,
-    ShoulderDepth,
-    SpindleTorque,
     SupervisorState,
     WeldCommand,
     WeldReference,
@@ -76,14 +77,23 @@ def header(time_ns: int) -> Header:
     return Header(stamp=stamp_from_ns(time_ns))
 
 
-def depth_message(value_mm: float, time_ns: int) -> ShoulderDepth:
-    """Depth sample."""
-    return ShoulderDepth(header=header(time_ns), depth=units.m_from_mm(value_mm))
+@cache
+def message_type(sensor: str) -> Any:
+    """Type of a sensor's messages."""
+    package, _, name = SENSORS[sensor].message.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
 
 
-def torque_message(value_nm: float, time_ns: int) -> SpindleTorque:
-    """Motor torque sample."""
-    return SpindleTorque(header=header(time_ns), torque=float(value_nm))
+def sensor_message(sensor: str, value: float, time_ns: int) -> Any:
+    """Sample of a sensor, ``value`` in its unit (mm, N m, degC)."""
+    row = SENSORS[sensor]
+    return message_type(sensor)(header=header(time_ns), **{row.quantity.name: row.on_wire(value)})
+
+
+def sensor_value(sensor: str, message: Any) -> float:
+    """Value of a sensor's message in the unit inside."""
+    row = SENSORS[sensor]
+    return float(row.inside(getattr(message, row.quantity.name)))
 
 
 def drives_message(acting: Command, time_ns: int, actuator: ActuatorState | None = None) -> DriveFeedback:
@@ -136,11 +146,6 @@ def signature(message: WeldCommand | SupervisorState) -> Signature:
 def sign(message: WeldCommand | SupervisorState, value: Signature) -> None:
     """Enter into a command or state who sends it."""
     message.term, message.leader, message.stop = value.term, value.leader, stop_message(value.stop)
-
-
-def temperature_message(value_c: float, time_ns: int) -> Temperature:
-    """Thermocouple sample."""
-    return Temperature(header=header(time_ns), temperature=float(value_c))
 
 
 def reference(message: WeldReference) -> Reference:

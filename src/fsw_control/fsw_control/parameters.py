@@ -10,7 +10,11 @@ The file maps each parameter name to a description of it::
       range: [0.001, 1.0]     # optional, numbers and arrays of numbers
       options: [a, b]         # optional, strings and arrays of strings
       read_only: false        # optional
-    negative: "default"     # optional: what a negative value stands for
+      negative: "default"     # optional: what a negative value stands for
+
+A name with ``$`` is a template for each sensor of ``fsw_control.sensors``: in it and in its entry ``$noise`` stands for
+what :meth:`~fsw_control.sensors.Sensor.template` gives; where a row has None there, the sensor lacks the parameter. An
+entry without ``type`` is a group of templates. ``$include: package/file`` inserts another file.
 """
 
 from __future__ import annotations
@@ -18,15 +22,17 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from fsw_control import weld
+from fsw_control.sensors import SENSORS
 from fsw_schema.errors import InputError
 from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import content_of
@@ -35,6 +41,7 @@ TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
 Source = tuple[str, str] | str | Path | None
 _KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only", "negative"}
+INCLUDE = "$include"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 
 
@@ -147,7 +154,34 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
         return {}
     if not isinstance(content, dict):
         raise InputError(f"{where}: must map parameter names to descriptions")
-    return {str(name): _spec(name, entry, where) for name, entry in content.items()}
+    specs: dict[str, ParameterSpec] = {}
+    for name, entry in content.items():
+        if name == INCLUDE:
+            package, _, file = str(entry).partition("/")
+            specs |= load(package, file)
+        else:
+            specs |= {str(own): _spec(own, inner, where) for own, inner in _each_sensor(name, entry)}
+    return specs
+
+
+def _each_sensor(name: Any, entry: Any) -> Iterator[tuple[Any, Any]]:
+    """An entry of a file; a template once for each sensor."""
+    if "$" not in str(name) or not isinstance(entry, Mapping):
+        yield name, entry
+        return
+    group = {name: entry} if "type" in entry else {f"{name}.{key}": inner for key, inner in entry.items()}
+    for fields in (row.template() for row in SENSORS.values()):
+        for inner_name, inner in group.items():
+            filled = {key: _filled(value, fields) for key, value in inner.items()}
+            if filled.get("default_value", "") is not None:
+                yield _filled(inner_name, fields), filled
+
+
+def _filled(value: Any, fields: Mapping[str, Any]) -> Any:
+    """A text of a template with a sensor's values."""
+    if not isinstance(value, str):
+        return value
+    return fields[value[1:]] if value[:1] == "$" and value[1:] in fields else Template(value).safe_substitute(fields)
 
 
 @cache

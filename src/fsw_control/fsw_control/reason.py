@@ -124,7 +124,7 @@ class Reason(NamedTuple):
     """A reason; false in a condition when there is nothing to explain."""
 
     code: ReasonCode = ReasonCode.NONE
-    sensors: tuple[str, ...] = ()  #: of ``fsw_control.contract.SENSORS``, where it is about sensors
+    sensors: tuple[str, ...] = ()  #: of ``fsw_control.sensors.SENSORS``, where it is about sensors
     limit_s: float = 0.0  #: time that was exceeded, or that something took
     detail: str = ""  #: what other software says: an error or a solver's status, or the check of a command
     subject: str = ""  #: a controller, a mode or a cause, by name

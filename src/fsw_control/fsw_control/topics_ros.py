@@ -11,12 +11,11 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
-from fsw_control import units
-from fsw_control.contract import SENSOR_FIELDS, SENSORS, Command
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
+from fsw_control.contract import Command
+from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
+from fsw_msgs.msg import DriveFeedback
 
 #: to subscribe to samples: a slow node skips to the latest ones
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -37,12 +36,8 @@ DISPLAY = QoSOverridingOptions([QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH])
 #: In lockstep the player says here of which depth it has sent all that belongs before the next tick.
 PLAYER_READY = "fsw/player_ready"
 
-#: by sensor (of ``SENSORS``): message, and conversion to the paper's unit
-_MESSAGES: dict[str, tuple[Any, Callable[[float], float]]] = {
-    "depth": (ShoulderDepth, units.mm_from_m),
-    "torque": (SpindleTorque, float),
-    "thermocouple": (Temperature, float),
-}
+#: the sensors as they are announced, sent and subscribed to: the last required one completes a tick
+_ORDER = (*OPTIONAL, *REQUIRED)
 
 
 def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
@@ -53,23 +48,21 @@ def display_publisher(node: Node, kind: Any, topic: str) -> Publisher:
     return node.create_publisher(kind, topic, copy(SENT), qos_overriding_options=DISPLAY)
 
 
-def sensor_publishers(node: Node) -> list[Publisher]:
-    """Publishers of the sensors, in the order of ``SENSORS``."""
-    return [node.create_publisher(_MESSAGES[sensor][0], SENSOR_FIELDS[sensor][0], SENT) for sensor in SENSORS]
+def sensor_publishers(node: Node) -> dict[str, Publisher]:
+    """Publishers of the sensors by name, in the order in which the samples of a tick are to be sent."""
+    return {name: node.create_publisher(convert.message_type(name), SENSORS[name].topic, SENT) for name in _ORDER}
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:
     """Subscribe to the sensors; ``take`` gets name (of ``SENSORS``), stamp in ns, and value in mm, N m or degC."""
 
     def subscribe(sensor: str) -> Subscription:
-        (topic, field), (kind, converted) = SENSOR_FIELDS[sensor], _MESSAGES[sensor]
-
         def on_sample(message: Any) -> None:
-            take(sensor, convert.stamp_ns(message.header.stamp), converted(getattr(message, field)))
+            take(sensor, convert.stamp_ns(message.header.stamp), convert.sensor_value(sensor, message))
 
-        return node.create_subscription(kind, topic, on_sample, STREAM)
+        return node.create_subscription(convert.message_type(sensor), SENSORS[sensor].topic, on_sample, STREAM)
 
-    return [subscribe(sensor) for sensor in SENSORS]
+    return [subscribe(sensor) for sensor in _ORDER]
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:

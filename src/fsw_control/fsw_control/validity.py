@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from fsw_control.contract import SENSORS, Command, Measurement
+from fsw_control.contract import Command, Measurement
 from fsw_control.parameters import defaults, load
+from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 
 #: probability at which a run of equal samples is no longer taken for chance
 _CHANCE = 1e-9
@@ -45,7 +46,7 @@ class Flaw(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
+    """Limits of one sensor, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``validity.yaml``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
     row agree with each other. As many are needed to become valid again. If they agree on a value that is further than
@@ -65,7 +66,7 @@ class SensorLimits:
 
 
 def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLimits]:
-    """Limits of all sensors from a node's parameters ``validity.*``; by default those of ``controller.yaml``.
+    """Limits of all sensors from a node's parameters ``validity.*``; by default those of ``validity.yaml``.
 
     Raises
     ------
@@ -73,7 +74,7 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
         When they contradict each other; the message names the sensor.
     """
     if values is None:
-        values = defaults(load("fsw_control", "controller.yaml"))
+        values = defaults(load("fsw_control", "validity.yaml"))
     limits = {
         sensor: SensorLimits(
             minimum=values[f"validity.{sensor}.minimum"],
@@ -250,7 +251,7 @@ class SensorValidity:
 
 
 class SensorGuard:
-    """Judges the three sensors of a tick together, by default with the limits of ``controller.yaml``."""
+    """Judges the sensors of a tick together, by default with the limits of ``validity.yaml``."""
 
     def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
         self.reasons = dict.fromkeys(SENSORS, "")  #: by sensor, why its last sample was not used; empty where it was
@@ -291,10 +292,10 @@ class SensorGuard:
 
         ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
         """
-        readings = [one.update(time_s, values.get(name)) for name, one in self._sensors.items()]
-        depth, torque, temperature = readings
-        self.reasons.update(zip(SENSORS, (one.reason for one in readings), strict=True))
-        self.held = tuple(name for name, one in zip(SENSORS, readings, strict=True) if one.held)
+        readings = {name: one.update(time_s, values.get(name)) for name, one in self._sensors.items()}
+        self.reasons.update((name, one.reason) for name, one in readings.items())
+        self.held = tuple(name for name, one in readings.items() if one.held)
+        depth, torque, temperature = (readings[name] for name in REQUIRED)
         return Measurement(
             time_s,
             depth.value,
@@ -306,4 +307,5 @@ class SensorGuard:
             held=self.held,
             force_kn=math.nan if drives is None else drives.force_kn,
             speed_rpm=math.nan if drives is None else drives.speed_rpm,
+            optional={name: readings[name].value for name in OPTIONAL},
         )

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import JUMP_NS, RULES, MessageSynchronizer, StampFilter
+from fsw_control import message_synchronizer
+from fsw_control.contract import Command
+from fsw_control.message_synchronizer import DRIVES, JUMP_NS, RULES, MessageSynchronizer, StampFilter
+from fsw_control.sensors import REQUIRED
 
 STEP_NS = 100_000_000
 
@@ -24,7 +26,7 @@ def give_up(join):
     return [] if join.begun_s is None else join.expire(join.begun_s + 0.03, 0.03)
 
 
-def add_all(join, k, now_s=0.0, sensors=SENSORS):
+def add_all(join, k, now_s=0.0, sensors=REQUIRED):
     return [tick for sensor in sensors for tick in join.add(sensor, k * STEP_NS, float(k), now_s)]
 
 
@@ -77,8 +79,8 @@ def test_a_sensor_is_given_up_when_it_has_sent_a_newer_sample():
     assert add_all(join, 2, sensors=("depth", "torque")) == []
     first, second = join.add("thermocouple", 2 * STEP_NS, 2.0, 0.0)
     assert first.stamp_ns == STEP_NS and set(first.values) == {"depth", "torque"}
-    assert set(second.values) == set(SENSORS)
-    assert [join.counts[sensor]["missing"] for sensor in SENSORS] == [0, 0, 1]
+    assert set(second.values) == set(REQUIRED)
+    assert [join.counts[sensor]["missing"] for sensor in REQUIRED] == [0, 0, 1]
 
 
 def test_a_tick_is_given_up_when_the_tick_after_the_next_begins():
@@ -116,18 +118,18 @@ def test_after_a_hold_up_the_queues_are_read_before_a_tick_is_given_up():
 def test_after_a_stall_no_sample_is_lost_however_neighbouring_ticks_are_mixed(data):
     """Each topic in its own order, none more than one tick ahead of another, as an executor reads its queues."""
     join = join_without_commands()
-    lost = data.draw(st.sets(st.tuples(st.integers(0, 9), st.sampled_from(SENSORS)), max_size=4))
-    queues = {sensor: [k for k in range(10) if (k, sensor) not in lost] for sensor in SENSORS}
+    lost = data.draw(st.sets(st.tuples(st.integers(0, 9), st.sampled_from(REQUIRED)), max_size=4))
+    queues = {sensor: [k for k in range(10) if (k, sensor) not in lost] for sensor in REQUIRED}
     ticks = []
     while any(queues.values()):
         slowest = min(queue[0] for queue in queues.values() if queue)
         sensor = data.draw(
-            st.sampled_from([name for name in SENSORS if queues[name] and queues[name][0] <= slowest + 1])
+            st.sampled_from([name for name in REQUIRED if queues[name] and queues[name][0] <= slowest + 1])
         )
         ticks += join.add(sensor, queues[sensor][0] * STEP_NS, float(queues[sensor].pop(0)), 0.0)
     while rest := give_up(join):
         ticks += rest
-    expected = {k: {s: float(k) for s in SENSORS if (k, s) not in lost} for k in range(10)}
+    expected = {k: {s: float(k) for s in REQUIRED if (k, s) not in lost} for k in range(10)}
     assert {tick.stamp_ns // STEP_NS: tick.values for tick in ticks} == {k: v for k, v in expected.items() if v}
     assert [tick.stamp_ns for tick in ticks] == sorted(tick.stamp_ns for tick in ticks)
     assert sum(counts["missing"] for counts in join.counts.values()) + 3 * (10 - len(ticks)) == len(lost)
@@ -169,7 +171,7 @@ def test_a_jump_of_time_that_two_sensors_confirm_restarts(start):
     ticks = [tick for k in range(start, start + 3) for tick in add_all(join, k)]
     assert [tick.stamp_ns // STEP_NS for tick in ticks] == list(range(start, start + 3))
     assert [tick.restarted for tick in ticks] == [True, False, False]
-    assert set(ticks[0].values) == set(SENSORS)
+    assert set(ticks[0].values) == set(REQUIRED)
     assert join.stamps.jumps == 1
 
 
@@ -185,7 +187,7 @@ def test_a_jump_is_believed_alone_when_all_else_is_silent():
 @given(
     st.lists(
         st.one_of(
-            st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.floats(0, 5)),
+            st.tuples(st.sampled_from(REQUIRED), st.integers(0, 60), st.floats(0, 5)),
             st.tuples(st.just("command"), st.integers(0, 60), st.just(0.0)),
             st.just(("give up", 0, 0.0)),
         ),
@@ -204,7 +206,7 @@ def test_ticks_are_never_empty_and_in_order_between_restarts(events):
         else:
             ticks = join.add(kind, k * STEP_NS, 1.0, now_s)
         for tick in ticks:
-            assert tick.values and set(tick.values) <= set(SENSORS)
+            assert tick.values and set(tick.values) <= set(REQUIRED)
             assert last is None or tick.restarted or tick.stamp_ns > last
             last = tick.stamp_ns
             accepted += len(tick.values)
@@ -217,10 +219,10 @@ def test_any_order_within_a_tick_gives_every_tick_complete(data):
     join = join_without_commands()
     ticks = []
     for k in range(10):
-        for sensor in data.draw(st.permutations(SENSORS)):
+        for sensor in data.draw(st.permutations(REQUIRED)):
             ticks += join.add(sensor, k * STEP_NS, float(k), 0.0)
     assert [tick.stamp_ns for tick in ticks] == [k * STEP_NS for k in range(10)]
-    assert all(set(tick.values) == set(SENSORS) for tick in ticks)
+    assert all(set(tick.values) == set(REQUIRED) for tick in ticks)
 
 
 ACTING = Command(78.4, 407.576)
@@ -260,7 +262,7 @@ def test_drives_without_sensors_do_not_fill_the_memory():
     join = MessageSynchronizer()
     for k in range(1000):
         join.add_drives(k * STEP_NS, ACTING)
-    assert len(join._drives) < 20
+    assert len(join._optional[DRIVES]) < 20
 
 
 def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
@@ -302,11 +304,44 @@ def test_strange_stamps_are_counted_and_their_values_kept_for_the_jump():
     (tick,) = join.add("thermocouple", far, 9.0, 0.2)
     assert tick.values == {"depth": 7.0, "torque": 8.0, "thermocouple": 9.0}
     assert tick.restarted and not add_all(join, 10_001)[0].restarted
-    assert [join.counts[sensor]["late"] for sensor in SENSORS] == [1, 1, 0]
-    assert [join.counts[sensor]["missing"] for sensor in SENSORS] == [0, 1, 1]
+    assert [join.counts[sensor]["late"] for sensor in REQUIRED] == [1, 1, 0]
+    assert [join.counts[sensor]["missing"] for sensor in REQUIRED] == [0, 1, 1]
     for count in (2, 3):
         join.add("depth", count, 1.0, 0.2)
         assert join.counts["depth"]["late"] == count
+
+
+@pytest.fixture
+def with_lvdt(monkeypatch):
+    monkeypatch.setattr(message_synchronizer, "OPTIONAL", ("lvdt",))
+
+
+@pytest.mark.usefixtures("with_lvdt")
+def test_an_optional_sensor_neither_begins_nor_delays_a_tick():
+    join = MessageSynchronizer()
+    assert join.add("lvdt", STEP_NS, 2.7, 0.0) == [] and join.begun_s is None
+    (tick,) = add_all(join, 1)
+    assert tick.values["lvdt"] == 2.7
+    join.add_command(STEP_NS)
+    (tick,) = add_all(join, 2)
+    assert "lvdt" not in tick.values and not join.missed
+
+
+@pytest.mark.usefixtures("with_lvdt")
+def test_where_time_waits_a_tick_waits_for_an_optional_sensor_that_the_one_before_had():
+    join = MessageSynchronizer(await_drives=True)
+    join.add_drives(STEP_NS, ACTING)
+    assert len(add_all(join, 1)) == 1, "it has never come"
+    for k in (2, 3):
+        join.add_command((k - 1) * STEP_NS)
+        join.add_drives(k * STEP_NS, ACTING)
+        join.add("lvdt", k * STEP_NS, 2.7, 0.0)
+        assert len(add_all(join, k)) == 1
+    join.add_command(3 * STEP_NS)
+    join.add_drives(4 * STEP_NS, ACTING)
+    assert add_all(join, 4) == [] and join.lacking == {"lvdt"}
+    (tick,) = join.add("lvdt", 4 * STEP_NS, 2.8, 0.0)
+    assert tick.values["lvdt"] == 2.8
 
 
 def test_drives_that_come_late_are_waited_for_again():
@@ -350,7 +385,7 @@ def feed(stamps_ns):
     """Offer a sample of each sensor every 0.1 s; the stamps that began a tick, with the time on the steady clock."""
     stamps, begun = StampFilter(), []
     for count, stamp_ns in enumerate(stamps_ns):
-        for sensor in SENSORS:
+        for sensor in REQUIRED:
             newest_ns, now_s = stamps.newest_ns, count * 0.1
             accepted = stamps.offer(sensor, stamp_ns, 1.0, now_s)
             if accepted is not None and (accepted.jumped or newest_ns is None or stamp_ns > newest_ns):
@@ -387,7 +422,7 @@ def test_late_samples_of_a_tick_before_a_step_of_the_clock_do_not_begin_it_again
 def disturbed_streams(draw):
     """Samples as (arrival, source, stamp): the clock steps, samples are late or come twice, topics keep their order."""
     clock_ns, samples = 10**15, []
-    ready_s = dict.fromkeys((*SENSORS, "drives"), 0.0)
+    ready_s = dict.fromkeys((*REQUIRED, "drives"), 0.0)
     for count in range(draw(st.integers(20, 60))):
         step = draw(st.sampled_from([0] * 8 + [-1, -3, -9, 9, -11, 40, -40, "odd"]))
         clock_ns += draw(st.integers(-(10**9), 10**9)) if step == "odd" else step * STEP_NS

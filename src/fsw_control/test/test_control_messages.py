@@ -40,9 +40,9 @@ def test_command_is_in_si_units():
 
 @given(st.floats(1.5, 4.0), st.floats(750.0, 950.0), st.integers(0, 10**18))
 def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature, time_ns):
-    assert convert.depth_message(depth, time_ns).depth == pytest.approx(depth * 1e-3, rel=1e-12)
-    assert convert.temperature_message(temperature, time_ns).temperature == temperature
-    assert convert.torque_message(temperature, time_ns).torque == temperature
+    assert convert.sensor_message("depth", depth, time_ns).depth == pytest.approx(depth * 1e-3, rel=1e-12)
+    assert convert.sensor_message("thermocouple", temperature, time_ns).temperature == temperature
+    assert convert.sensor_message("torque", temperature, time_ns).torque == temperature
     reference = convert.reference(convert.reference_message(Reference(depth, temperature), time_ns))
     assert reference.depth_mm == pytest.approx(depth, rel=1e-12)
     assert reference.temperature_c == temperature

@@ -112,11 +112,11 @@ class Peer(Spinner):
     def sense(self, k, sensors=("depth", "torque", "thermocouple"), depth=2.66):
         stamp = k * STEP_NS
         if "depth" in sensors:
-            self.depths.publish(convert.depth_message(depth, stamp))
+            self.depths.publish(convert.sensor_message("depth", depth, stamp))
         if "torque" in sensors:
-            self.torques.publish(convert.torque_message(1052.0, stamp))
+            self.torques.publish(convert.sensor_message("torque", 1052.0, stamp))
         if "thermocouple" in sensors:
-            self.temperatures.publish(convert.temperature_message(850.0, stamp))
+            self.temperatures.publish(convert.sensor_message("thermocouple", 850.0, stamp))
 
     def command(self, k, force=78.0, source="echo"):
         self.commands.publish(convert.command_message(Command(force, 400.0), k * STEP_NS, source))
@@ -274,7 +274,7 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     peer = start()
     peer.refer()
     peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
-    peer.until(lambda: peer.node._synchronizer._drives)
+    peer.until(lambda: peer.node._synchronizer._optional["drives"])
     peer.tick(1)
     peer.tick(2)
     with_drives, without = (entry[0] for entry in peer.controller.seen)

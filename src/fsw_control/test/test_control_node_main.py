@@ -62,9 +62,15 @@ def test_the_example_answers_and_ends_cleanly(peer, sent):
     proposals = []
     peer.create_subscription(WeldCommand, "/fsw/depth_only/proposal", proposals.append, STREAM)
     publishers = [
-        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), convert.depth_message(2.65, 0)),
-        (peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM), convert.torque_message(1052.0, 0)),
-        (peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM), convert.temperature_message(850.0, 0)),
+        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), convert.sensor_message("depth", 2.65, 0)),
+        (
+            peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM),
+            convert.sensor_message("torque", 1052.0, 0),
+        ),
+        (
+            peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM),
+            convert.sensor_message("thermocouple", 850.0, 0),
+        ),
     ]
     references = peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
     references.publish(convert.reference_message(Reference(2.66, 850.0), 0))

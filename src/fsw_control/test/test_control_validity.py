@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.contract import SENSORS, Command, Measurement
+from fsw_control.contract import Command, Measurement
 from fsw_control.parameters import defaults, load
+from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import Flaw, Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
@@ -321,12 +322,13 @@ def test_limits_and_measurement_have_every_value_at_its_place():
     }
     guard = SensorGuard(limits)
     assert guard.reasons == dict.fromkeys(SENSORS, "")
-    samples = dict(zip(SENSORS, (0.9, 1.9, 2.9), strict=True))
-    expected = Measurement(5.0, 0.9, 1.9, 2.9, True, True, True, held=(), force_kn=80.0, speed_rpm=400.0)
+    samples = dict(zip(REQUIRED, (0.9, 1.9, 2.9), strict=True))
+    unknown = dict.fromkeys(OPTIONAL, math.nan)
+    expected = Measurement(5.0, 0.9, 1.9, 2.9, True, True, True, (), 80.0, 400.0, unknown)
     assert guard.measure(5.0, samples, Command(80.0, 400.0)) == expected
     guard.configure({name: SensorLimits(-9.0, -8.0, 1.0, 0.2, 10, 3) for name in SENSORS})
     guard.reset()
-    assert guard.measure(5.1, samples).invalid_sensors() == tuple(SENSORS)
+    assert guard.measure(5.1, samples).invalid_sensors() == REQUIRED
 
 
 @pytest.mark.parametrize(

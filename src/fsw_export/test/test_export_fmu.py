@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command, units
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_export import fmu
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import UNITS
@@ -111,7 +112,7 @@ def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str,
     channels = {"axial_force": "kn", "spindle_speed": "rpm", "depth": "mm", "temperature": "k"}
     for tick in range(300):
         reading, truth = emulator.measure(), emulator.truth()
-        same = {name: getattr(reading, name)[0].value for name in ("depth_mm", "torque_nm", "temperature_c")}
+        same = {SENSORS[name].signal: reading.values[name] for name in REQUIRED}
         same |= {"acting_force_kn": reading.drives.force_kn, "acting_speed_rpm": reading.drives.speed_rpm}
         same |= {
             name: getattr(truth, name) for name in ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
 
 from fsw_control import Command
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_export import fmu
 from fsw_export.choice import Choice
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
@@ -66,7 +67,7 @@ def test_it_is_the_emulator_along_a_path(unit: Path, running: Units) -> None:
     random, seen = np.random.default_rng(1), []
     for tick in range(280):
         reading, truth = emulator.measure(), emulator.truth()
-        same = {name: getattr(reading, name)[0].value for name in ("depth_mm", "torque_nm", "temperature_c")}
+        same = {SENSORS[name].signal: reading.values[name] for name in REQUIRED}
         same |= {name: getattr(truth, name) for name in SAME} | {"power_kw": truth.process_power_kw}
         assert {name: plant.get(name) for name in same} == pytest.approx(same, rel=1e-9)
         seen.append(truth.copper_temperature_c)

@@ -14,8 +14,9 @@ from pydantic import BaseModel
 from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Reference
+from fsw_control.contract import Reference
 from fsw_control.readiness import Lack, Readiness
+from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.frames import readable
@@ -202,7 +203,8 @@ class AlarmRules:
             if "machine" not in found:  # without it nothing is measured
                 found["measurements"] = alarm("measurements")
             return
-        for name in SENSORS:
+        there = (name for name in OPTIONAL if name in now.sample_age_s)
+        for name in (*REQUIRED, *there):
             state = now.sensor_states.get(name, "good")
             if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and state == "good":
                 state = "unusable"

@@ -19,6 +19,7 @@ from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
+from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, readable, short
 from fsw_hmi.limits import limits
@@ -123,6 +124,7 @@ def _rows(signals: WeldSignals, book: RuleBook, limits: Mapping[str, Mapping[str
         "depth_mm": signals.depth_mm,
         "temperature_c": signals.temperature_c,
         "torque_nm": signals.torque_nm,
+        **{(signal := SENSORS[name].signal): signals.optional.get(signal, nothing) for name in OPTIONAL},
         "force_kn": force_kn,
         "speed_rpm": speed_rpm,
         "power_kw": signals.torque_nm * speed_rpm * KW_PER_NM_RPM,

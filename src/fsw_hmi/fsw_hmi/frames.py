@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from math import isfinite
 from typing import Any
 
+from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import NANOSECONDS
 
 #: order of the values in a row
@@ -27,6 +28,7 @@ COLUMNS = (
     "latency_ms",
     "solve_ms",
     "angle_deg",
+    *(SENSORS[name].signal for name in OPTIONAL),
 )
 
 

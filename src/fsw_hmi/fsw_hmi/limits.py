@@ -16,6 +16,7 @@ from fsw_control.ranges import (
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
 )
+from fsw_control.sensors import SENSORS
 from fsw_hmi.frames import readable
 from fsw_hmi.standing import QUANTITIES
 from fsw_plant.event_schema import (
@@ -91,6 +92,9 @@ def limits(
         ]
         if kept:
             found[quantity]["kept"] = kept
+        others = [row for row in SENSORS.values() if not row.required and row.quantity.signal == quantity]
+        if others:
+            found[quantity]["others"] = [{"key": row.signal, "name": row.title} for row in others]
     return found
 
 

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.course import OVER, SENSOR_SIGNALS, UnusableSamples
+from fsw_analysis.course import OVER, UnusableSamples
 from fsw_analysis.events import of_programme_states, of_states
 from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import Account, judge
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
+from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.hub import KEPT
@@ -79,7 +80,7 @@ class LiveWeld:
         phase = progress.get("phase", "")
         if phase and (not self._phases or self._phases[-1][1] != phase):
             self._phases.append((stamp_ns, phase))
-        self._unusable.add(stamp_ns / NANOSECONDS, (values[name] for name in SENSOR_SIGNALS.values()))
+        self._unusable.add(stamp_ns / NANOSECONDS, values)
         if len(self._rows) > 2 * KEPT:  # a plant that runs for days without a programme
             for kept in (self._stamps_ns, self._rows, self._texts):
                 del kept[:KEPT]
@@ -117,9 +118,8 @@ class LiveWeld:
             path=Path(),
             stamp_ns=stamp_ns,
             time_s=time_s,
-            depth_mm=columns["depth_mm"],
-            torque_nm=columns["torque_nm"],
-            temperature_c=columns["temperature_c"],
+            **{(signal := SENSORS[name].signal): columns[signal] for name in REQUIRED},
+            optional={(signal := SENSORS[name].signal): columns[signal] for name in OPTIONAL},
             reference_depth_mm=columns["reference_depth_mm"],
             reference_temperature_c=columns["reference_temperature_c"],
             force_kn=columns["command_force_kn"],

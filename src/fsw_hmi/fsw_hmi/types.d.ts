@@ -19,6 +19,8 @@ interface Limit {
   range: [number, number];
   /** within which it is to be kept by the rule book: absolute, or about its set-point */
   kept?: { low: Value; high: Value; of_aim: boolean }[];
+  /** columns of further sensors of the quantity */
+  others?: { key: string; name: string }[];
   dead_band?: number;
   deviation?: number;
   warn?: Pair;
@@ -218,6 +220,8 @@ interface Line {
   stroke: string;
   width: number;
   dash?: number[];
+  /** in the heading of the trend */
+  name?: string;
 }
 interface Chart {
   key: string;

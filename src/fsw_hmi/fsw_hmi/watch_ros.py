@@ -17,10 +17,11 @@ from rclpy.subscription import Subscription
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Command, Reference
+from fsw_control.contract import Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi.alarm_rules import MONITOR, NO_REPORT_S, UNDER_WAY, Part
 from fsw_hmi.frames import COLUMNS, readable, short
@@ -101,7 +102,7 @@ class Watch:
         now_s = time.monotonic()
         if not self._sensors:
             self._sensors = subscribe_sensors(self._node, self._on_sample)
-            self.view.good_s = dict.fromkeys(SENSORS, now_s + _SILENT_S)  # they have time to be found
+            self.view.good_s = dict.fromkeys(REQUIRED, now_s + _SILENT_S)  # they have time to be found
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:

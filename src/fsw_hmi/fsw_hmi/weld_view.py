@@ -6,8 +6,9 @@ from collections.abc import Callable
 from math import isfinite, nan
 from typing import NamedTuple
 
-from fsw_control.contract import SENSORS, Command, Reference
+from fsw_control.contract import Command, Reference
 from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.units import KW_PER_NM_RPM
 
 #: ticks of which samples may still come
@@ -25,8 +26,9 @@ class WeldView:
     """Joins sensors, drives, set-points and commands by their stamps.
 
     The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A tick is over when all
-    sensors have come or the next one begins. The command of a row is the one in force when it was measured. Stamps of
-    drives that are older than the newest are late, or of another weld where they are further back than `JUMP_NS`.
+    required sensors, and the others of the tick before, have come or the next one begins. The command of a row is the
+    one in force when it was measured. Stamps of drives that are older than the newest are late, or of another weld
+    where they are further back than `JUMP_NS`.
     ``reference_at`` tells the set-points in force at a tick, None before the first.
     """
 
@@ -39,6 +41,7 @@ class WeldView:
 
     def _begin(self) -> None:
         self._samples: dict[int, dict[str, float]] = {}
+        self._awaited = set(REQUIRED)
         self._came_s: dict[int, float] = {}
         self._open: tuple[int, Command] | None = None
         self._command = Command(nan, nan)
@@ -80,7 +83,7 @@ class WeldView:
             self._latency_ms = 1e3 * (now_s - self._came_s.pop(stamp_ns))
 
     def _close_if_complete(self) -> list[Row]:
-        if self._open is None or len(self._samples.get(self._open[0], ())) < len(SENSORS):
+        if self._open is None or self._awaited - self._samples.get(self._open[0], {}).keys():
             return []
         return self._close()
 
@@ -89,6 +92,7 @@ class WeldView:
             return []
         (stamp_ns, acting), self._open = self._open, None
         samples = self._samples.pop(stamp_ns, {})
+        self._awaited = {*REQUIRED, *samples}
         for old_ns in [one for one in self._samples if one < stamp_ns]:
             del self._samples[old_ns]
         torque_nm = samples.get("torque", nan)
@@ -107,5 +111,6 @@ class WeldView:
             self._latency_ms,
             self.solve_ms,
             self.angle_deg,
+            *(samples.get(name, nan) for name in OPTIONAL),
         )
         return [Row(stamp_ns, values)]

@@ -108,8 +108,8 @@ class Graph:
     def tick(self, number):
         stamp_ns = START_NS + number * TICK_NS
         self.drives.publish(convert.drives_message(Command(78.0, 400.0), stamp_ns))
-        self.depths.publish(convert.depth_message(2.66, stamp_ns))
-        self.torques.publish(convert.torque_message(1000.0, stamp_ns))
+        self.depths.publish(convert.sensor_message("depth", 2.66, stamp_ns))
+        self.torques.publish(convert.sensor_message("torque", 1000.0, stamp_ns))
 
     def tick_until(self, condition, what):
         numbers = count()

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fsw_analysis.messages import SENSOR_FIELDS
+from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Flaw, SensorGuard
 from fsw_control.weld import TICK_S
@@ -78,7 +78,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     needed = ("torque",) if in_air else _COLUMNS
     missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
     if missing := [sensor for sensor in missing if sensor in needed]:
-        topics = ", ".join(SENSOR_FIELDS[sensor][0] for sensor in needed)
+        topics = ", ".join(SENSOR_TOPICS[sensor] for sensor in needed)
         raise InputError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)

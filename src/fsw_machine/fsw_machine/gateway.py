@@ -13,6 +13,7 @@ from fsw_control.command_gate import CommandGate
 from fsw_control.contract import Command, Limits
 from fsw_control.fence import LOST_COMMANDS, UNSIGNED, Fence, Signature
 from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.sensors import SENSORS
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_machine.machine_file import MachineFile
@@ -37,7 +38,8 @@ _ROUNDED = 0.6
 _SETTLED_CYCLES = 3
 #: ticks of which the counter is known
 _KEPT = 32
-_NUMBERS = ("depth", "torque", "temperature", "force_acting", "speed_acting", "force_in_force", "speed_in_force")
+#: nodes that are no numbers
+_NO_NUMBERS = ("cycle", "permissive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +47,7 @@ class Publication:
     """The samples of one tick, NaN where they must not be used (mm, N m, degC, kN, rpm)."""
 
     stamp_ns: int
-    depth_mm: float
-    torque_nm: float
-    temperature_c: float
+    values: Mapping[str, float]  #: by sensor
     drives: Command
 
 
@@ -157,7 +157,8 @@ class Gateway:
         stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS))
         self.read = read
         self._cycle += max(read.steps, 1)
-        self.samples = {name: sample(read.values[name], nodes[name], cycle_ns) for name in _NUMBERS}
+        numbers = (name for name in nodes.read if name not in _NO_NUMBERS)
+        self.samples = {name: sample(read.values[name], nodes[name], cycle_ns) for name in numbers}
         self.samples["permissive"] = bit(read.values["permissive"], nodes["permissive"], cycle_ns)
         self.invalid += sum(bool(one.fault) for one in self.samples.values())
         self.permissive = self.samples["permissive"].value == 1.0
@@ -181,7 +182,8 @@ class Gateway:
         obeys = self.joined and not self._lost and self._under_way is None
         kind = "in_force" if begins else "acting"
         drives = Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
-        return Publication(stamp_ns, value["depth"], value["torque"], value["temperature"], drives)
+        values = {name: value[row.stem] for name, row in SENSORS.items() if row.stem in value}
+        return Publication(stamp_ns, values, drives)
 
     def _note_safe_reaction(self, stamp_ns: int) -> None:
         """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, create_model, model_validator
 
 from fsw_control import units
+from fsw_control.sensors import SENSORS
 from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 _NODE_ID = re.compile(r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)")
@@ -110,16 +111,34 @@ class Measured(Quantity[U], ReadNode):
     """A quantity that is read in every cycle."""
 
 
-class Nodes(Model):
-    """The nodes by name."""
+class _Machine(Model):
+    """Nodes of the machine itself."""
 
     cycle: NodeSpec
     """cycle counter"""
     permissive: ReadNode
     """whether commands are permitted"""
-    depth: Measured[_Length]
-    torque: Measured[_Torque]
-    temperature: Measured[_Temperature]
+
+
+_MEASURED: dict[str, Any] = {
+    "depth": Measured[_Length],
+    "torque": Measured[_Torque],
+    "temperature": Measured[_Temperature],
+}
+if TYPE_CHECKING:
+    _Sensors = _Machine
+else:  # a node for each sensor, which a file may leave out where control does not need it
+    _KINDS = {row.stem: (_MEASURED[row.quantity.name], row.required) for row in SENSORS.values()}
+    _Sensors = create_model(
+        "_Sensors",
+        __base__=_Machine,
+        **{stem: (kind, ...) if required else (kind | None, None) for stem, (kind, required) in _KINDS.items()},
+    )
+
+
+class Nodes(_Sensors):
+    """The nodes by name."""
+
     force_acting: Measured[_Force]
     speed_acting: Measured[_Speed]
     force_in_force: Measured[_Force]
@@ -132,9 +151,18 @@ class Nodes(Model):
     def __getitem__(self, name: str) -> Any:
         return getattr(self, name)
 
+    @property
+    def given(self) -> dict[str, NodeSpec]:
+        """The nodes that the machine has."""
+        return {name: spec for name, spec in self if spec is not None}
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """Names of those that are read in every cycle, the cycle counter first."""
+        return tuple(name for name in self.given if name not in WRITTEN)
+
 
 WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
-READ = tuple(name for name in Nodes.model_fields if name not in WRITTEN)
 
 
 class Security(Model):

@@ -71,7 +71,7 @@ class MachineNode(ManagedNode):
         self._logged: dict[str, tuple[bytes, str]] = {}
         self._refused = ""
         self._guard = SingleInstanceGuard(self)
-        self._depths, self._torques, self._temperatures = sensor_publishers(self)
+        self._sensors = sensor_publishers(self)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
         self._diagnostics = DiagnosticsPublisher(self, instance=self._guard.instance)
 
@@ -159,9 +159,9 @@ class MachineNode(ManagedNode):
     def _publish(self, out: Publication) -> None:
         """The drives first, because the sensors' last sample completes the tick."""
         self._drives.publish(convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state))
-        self._depths.publish(convert.depth_message(out.depth_mm, out.stamp_ns))
-        self._torques.publish(convert.torque_message(out.torque_nm, out.stamp_ns))
-        self._temperatures.publish(convert.temperature_message(out.temperature_c, out.stamp_ns))
+        for name, publisher in self._sensors.items():
+            if name in out.values:
+                publisher.publish(convert.sensor_message(name, out.values[name], out.stamp_ns))
 
     def _on_command(self, message: WeldCommand) -> None:
         gateway, stamp_ns = self._gateway, convert.stamp_ns(message.header.stamp)

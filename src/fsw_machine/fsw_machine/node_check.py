@@ -8,11 +8,12 @@ from datetime import UTC, datetime, timedelta
 
 from asyncua import Client, ua
 
-from fsw_control.contract import SENSOR_FIELDS, Limits
+from fsw_control.contract import Limits
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import sensor_limits
 from fsw_machine.link_errors import LinkError
-from fsw_machine.machine_file import READ, WRITTEN, MachineFile, Quantity
+from fsw_machine.machine_file import WRITTEN, MachineFile, Quantity
 from fsw_machine.samples import RawValue
 
 _EPOCH = datetime(1970, 1, 1)
@@ -64,7 +65,7 @@ async def check_nodes(
     LinkError
         Naming the entry of the machine file.
     """
-    names = (*READ, *WRITTEN)
+    names = (*machine.nodes.read, *WRITTEN)
     wanted = [ua.ReadValueId(nodes[name], ua.AttributeIds.Value) for name in names]
     wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.UserAccessLevel) for name in WRITTEN]
     wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.DataType) for name in names]
@@ -103,7 +104,7 @@ def check_whole_numbers(machine: MachineFile, kinds: dict[str, ua.VariantType], 
     """
     needs = _needs(limits)
     for name, kind in kinds.items():
-        need = needs.get(name.partition("_")[0])
+        need = needs.get(name) or needs.get(name.partition("_")[0])
         if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             node = machine.nodes[name].node
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, {why}; give it another type or scale")
@@ -120,13 +121,13 @@ class _Need:
 
 
 def _needs(limits: Limits) -> dict[str, _Need]:
-    """What the limits and the measurements require, by the first word of a node's name."""
+    """What the limits and the measurements require, by a node's name or the first word of it."""
     force = _Need(limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN")
     speed = _Need(limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm")
     needs = {"force": force, "speed": speed}
-    for (sensor, one), unit in zip(sensor_limits().items(), ("mm", "N m", "degC"), strict=True):
-        _, quantity = SENSOR_FIELDS[sensor]
-        needs[quantity] = _Need(one.minimum, one.maximum, _COARSE_NOISES * one.noise or math.inf, unit)
+    for sensor, one in sensor_limits().items():
+        row, step = SENSORS[sensor], _COARSE_NOISES * one.noise or math.inf
+        needs[row.stem] = _Need(one.minimum, one.maximum, step, row.quantity.unit)
     return needs
 
 

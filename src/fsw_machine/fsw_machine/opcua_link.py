@@ -23,7 +23,7 @@ from fsw_machine.certificates import SecurityError
 from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.link_errors import LinkError, words
-from fsw_machine.machine_file import READ, WRITTEN, MachineFile, NodeSpec, Security, User
+from fsw_machine.machine_file import WRITTEN, MachineFile, NodeSpec, Security, User
 from fsw_machine.node_check import WHOLE, check_clock, check_nodes, check_whole_numbers, epoch_ns, raw_value
 from fsw_machine.samples import CycleRead
 
@@ -188,7 +188,7 @@ class MachineLink:
             if machine.namespace not in uris:
                 raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
             index = uris.index(machine.namespace)
-        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes}
+        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._kinds = await check_nodes(client, machine, self._nodes, self.settings.limits)
         self.tracker.values = WHOLE[self._kinds["heartbeat"]]
 
@@ -210,9 +210,10 @@ class MachineLink:
 
     async def _follow(self) -> None:
         """Read once per cycle, until that fails."""
+        names = self._machine.nodes.read
         request = ua.ReadParameters(
             TimestampsToReturn=ua.TimestampsToReturn.Source,
-            NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in READ],
+            NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in names],
         )
         changed_s = reported_s = time.monotonic()
         checked = self.settings.received
@@ -228,7 +229,7 @@ class MachineLink:
                 if answers[0].SourceTimestamp is None:
                     raise LinkError("nodes.cycle: without a source timestamp; the server must send one with each value")
                 changed_s = reported_s = read_s
-                values = {name: raw_value(answer) for name, answer in zip(READ, answers, strict=True)}
+                values = {name: raw_value(answer) for name, answer in zip(names, answers, strict=True)}
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
                 if not checked:  # later steps of the clock are passed over, see Stamps
                     check_clock(source_ns)

@@ -43,7 +43,7 @@ class CycleRead:
     """The read that has shown a new value of the cycle counter."""
 
     counter: int
-    values: Mapping[str, RawValue]  #: by the names of ``machine_file.READ``
+    values: Mapping[str, RawValue]  #: by the names of ``Nodes.read``
     source_ns: int  #: source timestamp of the counter
     #: when the read was answered, on the local steady clock and on the local wall clock
     read_s: float

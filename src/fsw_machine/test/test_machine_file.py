@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_machine.machine_file import READ, WRITTEN, MachineFile
+from fsw_machine.machine_file import WRITTEN, MachineFile, Nodes
 from fsw_schema.models import InputError
 
 SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
@@ -28,7 +28,8 @@ def changed(text, path, value=None, remove=False):
 
 
 def test_the_shipped_file_names_every_node(machine):
-    assert tuple(dict(machine.nodes)) == (*READ, *WRITTEN)
+    required = [name for name, field in Nodes.model_fields.items() if field.is_required()]
+    assert list(machine.nodes.given) == required == [*machine.nodes.read, *WRITTEN]
     assert machine.security is None and machine.user is None
 
 
@@ -56,7 +57,7 @@ def test_units(shipped_text, name, unit, number, inside):
     number=st.floats(-1e5, 1e5),
 )
 def test_scale_and_offset_are_undone_when_written(scale, offset, number):
-    content = {name: {"node": "i=1"} for name in (*READ, *WRITTEN)}
+    content = {name: {"node": "i=1"} for name, field in Nodes.model_fields.items() if field.is_required()}
     for name, unit in (("depth", "mm"), ("torque", "N m"), ("temperature", "K")):
         content[name]["unit"] = unit
     for name in ("acting", "in_force", "setpoint"):

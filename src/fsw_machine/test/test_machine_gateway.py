@@ -70,7 +70,7 @@ def running(machine, parameters, read_of):
 
 def test_a_tick_has_the_values_and_the_counters_timestamp(running):
     out = running.cycle()
-    assert (out.depth_mm, out.torque_nm, out.temperature_c, out.drives) == (2.66, 980.0, 816.4, STEADY)
+    assert out.values == {"depth": 2.66, "torque": 980.0, "thermocouple": 816.4} and out.drives == STEADY
     assert out.stamp_ns == running.gateway.read.source_ns
 
 
@@ -98,7 +98,7 @@ def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
 def test_an_invalid_value_is_nan_and_the_others_stay(running):
     bad = RawValue(0.0, status=0x80000000, status_name="Bad", source_ns=running.gateway.read.source_ns)
     out = running.cycle(depth=bad, temperature="hot")
-    assert isnan(out.depth_mm) and isnan(out.temperature_c) and out.torque_nm == 980.0
+    assert isnan(out.values["depth"]) and isnan(out.values["thermocouple"]) and out.values["torque"] == 980.0
     assert running.gateway.invalid == 2
     running.cycle(torque=nan)
     assert running.gateway.invalid == 3
@@ -222,7 +222,7 @@ def test_nothing_before_the_first_read(machine, parameters, read_of):
 @pytest.mark.parametrize("permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)])
 def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
     out = running.cycle(permissive=permissive)
-    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
+    assert out.values["depth"] == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
     assert running.command() is None and running.refused == {"not_permissive"}
     assert running.gateway.ticks == 2
 

@@ -124,7 +124,7 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, 
     counters = [read.counter for read in reads]
     assert counters == sorted(set(counters))
     out = gateway.on_read(reads[-1])
-    assert 2.5 < out.depth_mm < 2.8 and gateway.samples["depth"].fault == ""
+    assert 2.5 < out.values["depth"] < 2.8 and gateway.samples["depth"].fault == ""
     order = gateway.on_command(out.drives, out.stamp_ns, "test", True, reads[-1].read_s)
     linked.link.write(order)
     answer = linked.next(Written)

@@ -8,13 +8,12 @@ import sys
 import pytest
 import rclpy
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
-from fsw_control.topics_ros import LATCHED, STREAM
-from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_control.topics_ros import LATCHED, STREAM, sensor_publishers
+from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
 from fsw_test_support.nmpc_problems import finish_changes
 from fsw_test_support.ros_graph import Spinner
@@ -42,14 +41,13 @@ class Peer(Spinner):
         self.got = {"proposal": [], "status": [], "prediction": []}
         for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
             self.peer.create_subscription(kind, f"/fsw/nmpc/{name}", self.got[name].append, STREAM)
-        kinds = ((ShoulderDepth, "depth"), (SpindleTorque, "spindle_torque"), (Temperature, "thermocouple"))
-        self.sensors = [self.peer.create_publisher(kind, f"/fsw/{name}", STREAM) for kind, name in kinds]
+        self.sensors = sensor_publishers(self.peer)
         self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
         self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
         super().__init__()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
-        outputs = (*self.sensors, self.references, self.commands)
+        outputs = (*self.sensors.values(), self.references, self.commands)
         self.until(lambda: all(publisher.get_subscription_count() for publisher in outputs))
         self.until(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
         self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
@@ -58,9 +56,8 @@ class Peer(Spinner):
         """Publish the sensors of tick ``k``; returns the answer once all of it is here."""
         count = {name: len(messages) for name, messages in self.got.items()}
         stamp = k * STEP_NS
-        makers = (convert.depth_message, convert.torque_message, convert.temperature_message)
-        for publisher, maker, value in zip(self.sensors, makers, (2.66, 1052.86, 816.4), strict=True):
-            publisher.publish(maker(value, stamp))
+        for name, value in (("depth", 2.66), ("torque", 1052.86), ("thermocouple", 816.4)):
+            self.sensors[name].publish(convert.sensor_message(name, value, stamp))
         self.commands.publish(convert.command_message(Command(78.4, 407.576), stamp, "decentral"))
         self.until(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
         return self.got["proposal"][-1]

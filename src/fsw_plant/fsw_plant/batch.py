@@ -12,7 +12,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control import SENSORS, weld
+from fsw_control import weld
+from fsw_control.sensors import REQUIRED
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ProcessModel
 from fsw_model.equations import MOTOR, N_POWER, power_kw
@@ -49,7 +50,7 @@ class PlantBatch:
         self._probe_lag_s = config["sensors.temperature_lag_s"]
         self._step_all = _Mapped(model.step_function, n)
         self._outputs_all = _Mapped(model.output_function, n)
-        self._noise = noise_of(config)
+        self._noise = [noise_of(config)[name] for name in REQUIRED]
         self.tick = np.ones(n, dtype=np.int64)  #: the present tick of each
         self._x = np.empty((6, n))
         self.outputs = np.empty((7, n))  #: in the order of :class:`fsw_model.Outputs`, without disturbances and noise
@@ -61,10 +62,10 @@ class PlantBatch:
         self._inertia_nm = np.zeros(n)
         #: whether the tool has left the range of the model; the process then stands still
         self.stopped = np.zeros(n, dtype=bool)
-        self._drawn = np.empty((len(SENSORS), n, BLOCK))
-        self._deviations = np.zeros((len(SENSORS), n))  # what the noise is at, in standard deviations
+        self._drawn = np.empty((len(REQUIRED), n, BLOCK))
+        self._deviations = np.zeros((len(REQUIRED), n))  # what the noise is at, in standard deviations
         self._probe_c = np.empty(n)
-        self._generators = [[np.random.Generator(np.random.PCG64())] * len(SENSORS) for _ in range(n)]
+        self._generators = [[np.random.Generator(np.random.PCG64())] * len(REQUIRED) for _ in range(n)]
         self.reset(np.arange(n), np.zeros(n, dtype=np.int64))
 
     @property
@@ -86,7 +87,7 @@ class PlantBatch:
         self._probe_c[which] = start.outputs.temperature_c
         self._inertia_nm[which], self.stopped[which] = 0.0, False
         for k, seed in zip(which.tolist(), seeds.tolist(), strict=True):
-            self._generators[k] = [np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(SENSORS))]
+            self._generators[k] = [np.random.Generator(np.random.PCG64([seed, i])) for i in range(len(REQUIRED))]
         self._draw(which)
 
     def _draw(self, which: NDArray[np.int64]) -> None:
@@ -110,7 +111,7 @@ class PlantBatch:
         Returns
         -------
         (3, n) array
-            In the order of ``SENSORS``: mm, N m, degC.
+            In the order of ``REQUIRED``: mm, N m, degC.
         """
         place = (self.tick - 1) % BLOCK
         used_up = np.flatnonzero((place == 0) & (self.tick > 1))

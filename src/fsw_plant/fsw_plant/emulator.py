@@ -18,6 +18,7 @@ Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -45,13 +46,21 @@ class Reading(NamedTuple):
 
     tick: int
     stamp_ns: int  #: of the tick
-    #: one sample each while the sensor works; none when it drops out, two when it duplicates, one with an older stamp
-    #: when it is late
-    depth_mm: tuple[Sample, ...]
-    torque_nm: tuple[Sample, ...]
-    temperature_c: tuple[Sample, ...]
+    #: by sensor, one sample each while it works; none when it drops out, two when it duplicates, one with an older
+    #: stamp when it is late
+    samples: Mapping[str, tuple[Sample, ...]]
     #: inputs that act, as the drives report them: input disturbances included, as a load cell sees them
     drives: Command
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Samples of this tick by sensor: of several the last."""
+        return {
+            name: sample.value
+            for name, samples in self.samples.items()
+            for sample in samples
+            if sample.stamp_ns == self.stamp_ns
+        }
 
 
 class Truth(NamedTuple):
@@ -155,15 +164,15 @@ class PlantEmulator:
         stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
         outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
         drop_nm = drop_nm_per_rpm * (self._acting.speed_rpm - weld.SPEED_RPM)
-        shown = (
-            outputs.depth_mm + self._disturbance("depth"),
-            outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm,
-            outputs.temperature_c + self._disturbance("temperature"),
-        )
+        shown = {
+            "depth": outputs.depth_mm + self._disturbance("depth"),
+            "torque": outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm,
+            "thermocouple": outputs.temperature_c + self._disturbance("temperature"),
+        }
         if self.faults:
             self.faults = {name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)}
-        depth, torque, temperature = self._sensors.send(shown, stamp, self.faults, self.time_s)
-        self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
+        samples = self._sensors.send(shown, stamp, self.faults, self.time_s)
+        self._reading = Reading(self.tick, stamp, samples, self._acting)
         return self._reading
 
     def _disturbance(self, channel: str) -> float:

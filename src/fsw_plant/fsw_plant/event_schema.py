@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import model_validator
 
-from fsw_control.contract import SENSORS, Sensor
+from fsw_control.sensors import DEPTH, SENSORS, TEMPERATURE, TORQUE, SensorName
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
 from fsw_schema.models import InputError, Model, range_of, validate
@@ -70,15 +70,15 @@ class DisturbanceEntry(Model):
 class FaultEntry(Model):
     """What happens to the samples of a sensor on their way to the wire."""
 
-    sensor: Sensor
+    sensor: SensorName
     kind: Kind
     """`none` ends the sensor's fault"""
-    magnitude_mm: Annotated[float, Range(-5.0, 5.0, "mm")] | None = None
-    """of `depth`: `spike`, `bias`, `drift` (per s)"""
-    magnitude_nm: Annotated[float, Range(-2000.0, 2000.0, "N m")] | None = None
-    """of `torque`: `spike`, `bias`, `drift` (per s)"""
-    magnitude_c: Annotated[float, Range(-1000.0, 1000.0, "degC")] | None = None
-    """of `thermocouple`: `spike`, `bias`, `drift` (per s)"""
+    magnitude_mm: Annotated[float, DEPTH.fault] | None = None
+    """of a depth: `spike`, `bias`, `drift` (per s)"""
+    magnitude_nm: Annotated[float, TORQUE.fault] | None = None
+    """of a torque: `spike`, `bias`, `drift` (per s)"""
+    magnitude_c: Annotated[float, TEMPERATURE.fault] | None = None
+    """of a temperature: `spike`, `bias`, `drift` (per s)"""
     magnitude_s: Annotated[float, FAULT_DELAY_S] | None = None
     """of `delay`"""
     duration_s: Annotated[float, TIME_S] = 0.0
@@ -107,9 +107,8 @@ _AMPLITUDES = {
 DISTURBANCE_AMPLITUDE = {
     channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel])) for channel in get_args(Channel)
 }
-_MAGNITUDES = {"depth": "magnitude_mm", "torque": "magnitude_nm", "thermocouple": "magnitude_c"}
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
-FAULT_MAGNITUDE = {sensor: (_MAGNITUDES[sensor], range_of(FaultEntry, _MAGNITUDES[sensor])) for sensor in SENSORS}
+FAULT_MAGNITUDE = {name: (f"magnitude_{row.quantity.suffix}", row.quantity.fault) for name, row in SENSORS.items()}
 
 
 def disturbance(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from rclpy.clock import Clock
@@ -115,7 +115,7 @@ class PlantNode(ManagedNode):
         self._clocks = self.create_publisher(ClockMessage, "/clock", SENT) if self._simulated else None
         self._truths = display_publisher(self, PlantState, "fsw/plant/truth")
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", SENT)
-        self._depths, self._torques, self._temperatures = sensor_publishers(self)
+        self._sensors = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self, instance=instance)
 
     def _log_preparation(self, share: float, what: str) -> None:
@@ -143,7 +143,7 @@ class PlantNode(ManagedNode):
     def _missing(self) -> list[str]:
         """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
-        missing = _lacking((self._depths, self._torques, self._temperatures), wanted)
+        missing = _lacking(self._sensors.values(), wanted)
         # Lockstep cannot advance without a commanding node, and a tick without subscribers would have to be sent twice.
         if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
@@ -174,17 +174,15 @@ class PlantNode(ManagedNode):
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
         if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
-            self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
+            depths = reading.samples["depth"]
+            self._pace.await_player(depths[-1].stamp_ns if depths else None)
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
         self._drives.publish(convert.drives_message(reading.drives, reading.stamp_ns, self._fence.state))
-        for stamp_ns, depth_mm in reading.depth_mm:
-            self._depths.publish(convert.depth_message(depth_mm, stamp_ns))
-        for stamp_ns, torque_nm in reading.torque_nm:
-            self._torques.publish(convert.torque_message(torque_nm, stamp_ns))
-        for stamp_ns, temperature_c in reading.temperature_c:
-            self._temperatures.publish(convert.temperature_message(temperature_c, stamp_ns))
+        for name, publisher in self._sensors.items():
+            for stamp_ns, value in reading.samples[name]:
+                publisher.publish(convert.sensor_message(name, value, stamp_ns))
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
@@ -332,7 +330,7 @@ class PlantNode(ManagedNode):
             self._writers.set_sources()
 
 
-def _lacking(publishers: Sequence[Publisher], wanted: int) -> list[str]:
+def _lacking(publishers: Iterable[Publisher], wanted: int) -> list[str]:
     """Subscribers that are still to come, in words."""
     return [
         f"{wanted - count} more subscribers of {publisher.topic_name}"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fsw_control import SENSORS
+from fsw_control.sensors import SENSORS
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import Fault, Sample
 from fsw_plant.lag import lag_left, lag_mean
@@ -95,16 +95,17 @@ class Probe:
 
 
 class Sensors:
-    """The sensors of a plant, in the order of ``SENSORS``, the thermocouple at rest at ``start_c``."""
+    """The sensors of a plant, the thermocouple at rest at ``start_c``."""
 
     def __init__(self, config: PlantConfig, start_c: float) -> None:
-        self._all = [Sensor(config["seed"], i, noise) for i, noise in enumerate(noise_of(config))]
+        noises = enumerate(noise_of(config).items())
+        self._all = {name: Sensor(config["seed"], i, noise) for i, (name, noise) in noises}
         self._probe = Probe(config["sensors.temperature_lag_s"], start_c)
 
     def configure(self, config: PlantConfig) -> None:
         """Change noise and lag."""
-        for sensor, noise in zip(self._all, noise_of(config), strict=True):
-            sensor.configure(noise)
+        for name, noise in noise_of(config).items():
+            self._all[name].configure(noise)
         self._probe.lag_s = config["sensors.temperature_lag_s"]
 
     def heat(self, process_c: float) -> None:
@@ -112,26 +113,24 @@ class Sensors:
         self._probe.advance(process_c)
 
     def send(
-        self, values: tuple[float, float, float], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
-    ) -> list[tuple[Sample, ...]]:
-        """The samples of the values that leave the sensors at a tick."""
-        depth_mm, torque_nm, temperature_c = values
-        shown = depth_mm, torque_nm, self._probe.read(temperature_c)
-        return [
-            sensor.send(value, stamp_ns, faults.get(name), time_s)
-            for name, sensor, value in zip(SENSORS, self._all, shown, strict=True)
-        ]
+        self, values: Mapping[str, float], stamp_ns: int, faults: Mapping[str, Fault], time_s: float
+    ) -> dict[str, tuple[Sample, ...]]:
+        """The samples of the values that leave the sensors at a tick, by sensor."""
+        shown = {**values, "thermocouple": self._probe.read(values["thermocouple"])}
+        return {
+            name: sensor.send(shown[name], stamp_ns, faults.get(name), time_s) for name, sensor in self._all.items()
+        }
 
 
-def noise_of(config: PlantConfig) -> tuple[Noise, ...]:
+def noise_of(config: PlantConfig) -> dict[str, Noise]:
     """Noise of each sensor."""
     if not config["noise"]:
-        return (Noise(),) * len(SENSORS)
-    return tuple(
-        Noise(
-            config[f"sensors.{name}_noise_{unit}"],
-            config[f"sensors.{name}_resolution_{unit}"],
-            config[f"sensors.{name}_noise_correlation_s"],
+        return dict.fromkeys(SENSORS, Noise())
+    return {
+        name: Noise(
+            config[f"sensors.{row.stem}_noise_{row.quantity.suffix}"],
+            config[f"sensors.{row.stem}_resolution_{row.quantity.suffix}"],
+            config[f"sensors.{row.stem}_noise_correlation_s"],
         )
-        for name, unit in (("depth", "mm"), ("torque", "nm"), ("temperature", "c"))
-    )
+        for name, row in SENSORS.items()
+    }

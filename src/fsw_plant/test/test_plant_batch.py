@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command, Limits
+from fsw_control.sensors import REQUIRED
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.batch import CHANNELS, PlantBatch
 from fsw_plant.event_schema import disturbance
@@ -45,7 +46,7 @@ def test_each_is_a_single_plant(settings):
             if tick == 70:
                 single.begin(disturbance("temperature", "step", 4.0))
             reading = single.measure()
-            given = [reading.depth_mm[0].value, reading.torque_nm[0].value, reading.temperature_c[0].value]
+            given = [reading.values[name] for name in REQUIRED]
             assert shown[:, k] == pytest.approx(given, rel=1e-13)
             assert batch.acting[:, k] == pytest.approx(tuple(reading.drives), rel=1e-13)
             truth = single.truth()

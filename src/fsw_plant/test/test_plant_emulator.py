@@ -33,16 +33,16 @@ def run(plant, commands):
 
 
 def values_of(readings):
-    return [[s.value for s in (*r.depth_mm, *r.torque_nm, *r.temperature_c)] for r in readings]
+    return [[s.value for samples in r.samples.values() for s in samples] for r in readings]
 
 
 def test_first_tick_shows_the_equilibrium():
     plant = plant_of(noise=False)
     reading = plant.measure()
     assert (reading.tick, reading.stamp_ns) == (FIRST_TICK, TICK_NS)
-    assert reading.depth_mm[0].value == pytest.approx(2.66)
-    assert reading.torque_nm[0].value == pytest.approx(1052.86, abs=5e-3)
-    assert reading.temperature_c[0].value == 816.4
+    assert reading.samples["depth"][0].value == pytest.approx(2.66)
+    assert reading.samples["torque"][0].value == pytest.approx(1052.86, abs=5e-3)
+    assert reading.samples["thermocouple"][0].value == 816.4
     assert plant.applied.force_kn == 78.4
 
 
@@ -70,7 +70,9 @@ def test_measurement_shows_the_state_before_the_command_of_its_tick():
     plant.step()
     assert plant.truth().force_kn == pytest.approx(start.force_kn + 1.0 - exp(-5.0))
     assert plant.truth().process_torque_nm == pytest.approx(1021.53 + 12.84, abs=0.2)
-    assert plant.measure().torque_nm[0].value > first.torque_nm[0].value + 3.0  # the motor's lag is 0.27 s
+    assert (
+        plant.measure().samples["torque"][0].value > first.samples["torque"][0].value + 3.0
+    )  # the motor's lag is 0.27 s
 
 
 def test_trajectory_without_lag_is_that_of_the_model():
@@ -85,11 +87,11 @@ def test_trajectory_without_lag_is_that_of_the_model():
     readings = run(plant, commands)
     exact = ProcessModel().simulate([c.force_kn for c in commands], [c.speed_rpm for c in commands])
     for k, reading in enumerate(readings):
-        assert reading.depth_mm[0].value == pytest.approx(exact["depth_mm"][k], rel=1e-12)
-        assert reading.temperature_c[0].value == pytest.approx(exact["temperature_c"][k], rel=1e-12)
+        assert reading.samples["depth"][0].value == pytest.approx(exact["depth_mm"][k], rel=1e-12)
+        assert reading.samples["thermocouple"][0].value == pytest.approx(exact["temperature_c"][k], rel=1e-12)
         turn = 0.0 if k == 0 else commands[k - 1].speed_rpm - (commands[k - 2].speed_rpm if k > 1 else start.speed_rpm)
         inertia = 2.0 * turn * pi / 30.0 / 0.1
-        assert reading.torque_nm[0].value == pytest.approx(exact["motor_torque_nm"][k] + inertia, rel=1e-12)
+        assert reading.samples["torque"][0].value == pytest.approx(exact["motor_torque_nm"][k] + inertia, rel=1e-12)
 
 
 def test_inertia_spike_is_in_the_sensor_and_not_in_the_truth_or_the_process():
@@ -98,8 +100,10 @@ def test_inertia_spike_is_in_the_sensor_and_not_in_the_truth_or_the_process():
     faster = Command(start.force_kn, start.speed_rpm + 3.0)
     shown = run(plant, [faster] * 5)
     shown_still = run(still, [faster] * 5)
-    assert shown[1].torque_nm[0].value - shown_still[1].torque_nm[0].value == pytest.approx(1.8 * pi, rel=0.01)
-    assert shown[4].torque_nm[0].value == pytest.approx(shown_still[4].torque_nm[0].value, abs=1e-3)
+    assert shown[1].samples["torque"][0].value - shown_still[1].samples["torque"][0].value == pytest.approx(
+        1.8 * pi, rel=0.01
+    )
+    assert shown[4].samples["torque"][0].value == pytest.approx(shown_still[4].samples["torque"][0].value, abs=1e-3)
     assert plant.truth().motor_torque_nm == still.truth().motor_torque_nm
     assert plant.truth().temperature_c == still.truth().temperature_c
 
@@ -133,7 +137,7 @@ SLOW = {"temperature_lag_s": 2.0}
 
 
 def temperatures(readings):
-    return [r.temperature_c[0].value for r in readings]
+    return [r.samples["thermocouple"][0].value for r in readings]
 
 
 def test_slow_probe_starts_at_rest_and_hides_what_the_truth_tells():
@@ -205,16 +209,16 @@ def test_a_channel_and_a_sensor_carry_one_event_at_a_time():
     for amplitude in (0.1, 0.3):
         plant.begin(disturbance("depth", "step", amplitude))
         plant.begin(fault("torque", "bias", amplitude))
-    assert plant.measure().depth_mm[0].value == pytest.approx(2.96)
+    assert plant.measure().samples["depth"][0].value == pytest.approx(2.96)
     assert (list(plant.disturbances), plant.truth().active_faults) == (["depth"], ("torque:bias",))
     plant.begin(disturbance("depth", "none", 0.0))
     plant.begin(fault("torque", "none"))
     assert not plant.disturbances and not plant.faults
     plant.begin(fault("depth", "dropout", duration_s=0.1))
     plant.step()
-    assert plant.measure().depth_mm == () and plant.truth().active_faults == ("depth:dropout",)
+    assert plant.measure().samples["depth"] == () and plant.truth().active_faults == ("depth:dropout",)
     plant.step()
-    assert plant.measure().depth_mm[0].value == pytest.approx(2.66) and plant.truth().active_faults == ()
+    assert plant.measure().samples["depth"][0].value == pytest.approx(2.66) and plant.truth().active_faults == ()
 
 
 def test_input_disturbance_acts_on_the_process():
@@ -269,8 +273,8 @@ def test_events_act_at_their_tick():
         forces.append(plant.truth().force_kn)
         plant.apply(plant.applied)
         plant.step()
-    assert [r.tick for r in readings if r.depth_mm[0].value > 2.7] == list(range(5, 13))
-    assert [r.tick for r in readings if not r.temperature_c] == [7, 8]
+    assert [r.tick for r in readings if r.samples["depth"][0].value > 2.7] == list(range(5, 13))
+    assert [r.tick for r in readings if not r.samples["thermocouple"]] == [7, 8]
     assert [r.tick for r, f in zip(readings, forces, strict=True) if f > 79.0] == list(range(6, 13))
 
 
@@ -290,8 +294,10 @@ def test_torque_drop_with_speed_is_in_the_sensor_only():
     plant, plain = plant_of(noise=False, sensors={"torque_drop_nm_per_rpm": 0.4}), plant_of(noise=False)
     faster = Command(plant.applied.force_kn, plant.applied.speed_rpm + 30.0)
     shown, shown_plain = run(plant, [faster] * 30), run(plain, [faster] * 30)
-    assert shown[0].torque_nm[0].value == pytest.approx(shown_plain[0].torque_nm[0].value, abs=1e-4)
-    assert shown[29].torque_nm[0].value == pytest.approx(shown_plain[29].torque_nm[0].value - 12.0, abs=1e-3)
+    assert shown[0].samples["torque"][0].value == pytest.approx(shown_plain[0].samples["torque"][0].value, abs=1e-4)
+    assert shown[29].samples["torque"][0].value == pytest.approx(
+        shown_plain[29].samples["torque"][0].value - 12.0, abs=1e-3
+    )
     assert plant.truth() == plain.truth()
 
 

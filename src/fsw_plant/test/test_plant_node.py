@@ -53,9 +53,11 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
     )
     for k, command in enumerate(sent):
         reading, truth = offline.measure(), offline.truth()
-        assert mm_from_m(peer.got["depth"][k].depth) == pytest.approx(reading.depth_mm[0].value, rel=1e-9)
-        assert peer.got["torque"][k].torque == pytest.approx(reading.torque_nm[0].value, rel=1e-9)
-        assert peer.got["temperature"][k].temperature == pytest.approx(reading.temperature_c[0].value, rel=1e-9)
+        assert mm_from_m(peer.got["depth"][k].depth) == pytest.approx(reading.samples["depth"][0].value, rel=1e-9)
+        assert peer.got["torque"][k].torque == pytest.approx(reading.samples["torque"][0].value, rel=1e-9)
+        assert peer.got["temperature"][k].temperature == pytest.approx(
+            reading.samples["thermocouple"][0].value, rel=1e-9
+        )
         assert peer.got["truth"][k].axial_force == pytest.approx(truth.force_kn * 1e3, rel=1e-9)
         assert rpm_from_rad_s(peer.got["truth"][k].spindle_speed) == pytest.approx(truth.speed_rpm, rel=1e-9)
         assert offline.apply(command) == ""

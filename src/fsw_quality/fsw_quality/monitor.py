@@ -11,7 +11,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from fsw_control import weld
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
 from fsw_quality.diagnosis import Finding, Limits, diagnose, load_limits
@@ -90,7 +90,7 @@ class Monitor:
         dead_time_s = self._parameters.dead_time_s
         self._residuals = ModelResiduals(self._parameters)
         self._model = ModelWatch(dead_time_s)
-        self._sensors = [SensorWatch(name) for name in SENSORS]
+        self._sensors = [SensorWatch(name) for name in REQUIRED]
         self._drives = [DriveWatch(*one) for one in _DRIVES]
         self._loops = [LoopWatch("depth", 0.0), LoopWatch("temperature", dead_time_s)]
         self._innovations = [InnovationWatch(name) for name in ("torque", "depth", "heat")]
@@ -157,7 +157,7 @@ class Monitor:
     def correlations_s(self) -> dict[str, float]:
         """Times over which the noise of a sensor is correlated, as learnt at the begin of the weld; none if white."""
         noises = (self._noises[name].noise for name in ("depth", "torque", "heat"))
-        return {name: one.correlation_s for name, one in zip(SENSORS, noises, strict=True) if one.correlation_s}
+        return {name: one.correlation_s for name, one in zip(REQUIRED, noises, strict=True) if one.correlation_s}
 
     def _learn_noise(self) -> None:
         for one in self._noises.values():

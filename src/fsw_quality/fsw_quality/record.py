@@ -21,6 +21,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.diagnostic_names import qualified
+from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
@@ -395,7 +396,7 @@ def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> Pha
     travel = course.travel_mm[ticks]
     known = travel[np.isfinite(travel)]
     travelled = round(float(known[-1] - known[0]), 6) if known.size else None
-    sensors = np.stack([values[key] for key in SENSOR_SIGNALS.values()])
+    sensors = np.stack([values[SENSOR_SIGNALS[name]] for name in REQUIRED])
     return PhaseRecord(
         phase=name,
         begin_s=time_s[0],

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_control.contract import SENSORS
+from fsw_control.sensors import REQUIRED
 from fsw_quality.diagnosis import RESIDUALS, diagnose, load_limits
 from fsw_quality.monitor import PROCESSES, Monitor, Sample
 from fsw_test_support.watched_weld import drifting, samples
@@ -92,7 +92,7 @@ def test_noise_that_is_correlated_is_no_fault_and_its_time_is_known(process: str
     monitor = Monitor(process)
     for one in weld:
         monitor.step(one)
-    assert monitor.correlations_s.keys() == set(SENSORS)
+    assert monitor.correlations_s.keys() == set(REQUIRED)
     assert correlation_s / 3.0 < monitor.correlations_s["depth"] < 3.0 * correlation_s
 
 

@@ -56,13 +56,8 @@ class Graph(Spinner):
         self.tick += 1
         stamp_ns, command = self.tick * TICK_NS, Command(one.force_kn, one.speed_rpm)
         self.drives.publish(convert.drives_message(command, stamp_ns))
-        messages = (
-            convert.depth_message(one.depth_mm, stamp_ns),
-            convert.torque_message(one.torque_nm, stamp_ns),
-            convert.temperature_message(one.temperature_c, stamp_ns),
-        )
-        for publisher, message in zip(self.sensors, messages, strict=True):
-            publisher.publish(message)
+        for name, value in (("depth", one.depth_mm), ("torque", one.torque_nm), ("thermocouple", one.temperature_c)):
+            self.sensors[name].publish(convert.sensor_message(name, value, stamp_ns))
         self.commands.publish(convert.command_message(command, stamp_ns, "decentral"))
         for _ in range(8):  # so that the queues do not run over
             self.spin()

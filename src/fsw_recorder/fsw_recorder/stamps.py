@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import struct
 
-from fsw_control.contract import SENSOR_FIELDS
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 
-_SENSORS = "|".join(topic for topic, _ in SENSOR_FIELDS.values())
+_SENSORS = "|".join(row.topic for row in SENSORS.values())
 _TICKING = re.compile(rf"(/.*)?/({_SENSORS}|fsw/(drives|command|plant/truth|[^/]+/(proposal|status|prediction)))")
 #: bytes of a stamp with the encapsulation header before it
 _STAMP_END = 12

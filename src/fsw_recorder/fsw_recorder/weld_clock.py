@@ -11,13 +11,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from fsw_control.contract import SENSOR_FIELDS
 from fsw_control.references import OTHER_CLOCK_NS
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
 #: ends of the topics that show the weld's time, the best first
-_CLOCKS = (*(f"/{topic}" for topic, _ in SENSOR_FIELDS.values()), "/clock")
+_CLOCKS = (*(f"/{SENSORS[name].topic}" for name in REQUIRED), "/clock")
 #: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is ignored
 _DISORDER_NS = 500_000_000
 #: what answers a measurement, or has no stamp, is played this long after it

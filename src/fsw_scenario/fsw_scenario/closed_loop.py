@@ -23,11 +23,12 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
+from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.reason import Reason
 from fsw_control.references import ReferencePlan
+from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
@@ -159,13 +160,8 @@ class ClosedLoop:
         ticks: list[_Tick] = []
         while not programme.over(tick := tick + 1):
             reference = programme.begin(tick)
-            _, stamp_ns, *sent, drives = plant.measure()
-            values = {
-                sensor: sample.value
-                for sensor, samples in zip(SENSORS, sent, strict=True)
-                for sample in samples
-                if sample.stamp_ns == stamp_ns
-            }
+            reading = plant.measure()
+            stamp_ns, values, drives = reading.stamp_ns, reading.values, reading.drives
             measurement = guard.measure(stamp_ns * 1e-9, values, drives)
             answers = {}
             for name, controller in self._controllers.items():
@@ -208,9 +204,8 @@ class ClosedLoop:
             path=Path(self.scenario.name),
             stamp_ns=stamps,
             time_s=experiment_time_s(stamps),
-            depth_mm=_numbers(tick.values.get("depth", nan) for tick in ticks),
-            torque_nm=_numbers(tick.values.get("torque", nan) for tick in ticks),
-            temperature_c=_numbers(tick.values.get("thermocouple", nan) for tick in ticks),
+            **_sensors(ticks, REQUIRED),
+            optional=_sensors(ticks, OPTIONAL),
             reference_depth_mm=_numbers(tick.reference.depth_mm for tick in ticks),
             reference_temperature_c=_numbers(tick.reference.temperature_c for tick in ticks),
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),
@@ -266,6 +261,11 @@ def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
         else:
             known[one.name] = _texts(value if isinstance(value, str) else ",".join(value) for value in values)
     return kind(**known)
+
+
+def _sensors(ticks: Sequence[_Tick], names: Iterable[str]) -> dict[str, Any]:
+    """Samples of sensors, by signal."""
+    return {SENSORS[name].signal: _numbers(tick.values.get(name, nan) for tick in ticks) for name in names}
 
 
 def _numbers(values: Iterable[float]) -> FloatArray:

@@ -15,20 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_control import Command, Measurement, Reference
+from fsw_control.sensors import SENSORS
 from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_decentral import DecentralController, Gains
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
-from fsw_plant import PlantConfig
 from fsw_scenario.scenario import tick_of
 from fsw_scenario.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]
-_PLANT = PlantConfig.from_values({})
 #: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m.
-NOISE = tuple(
-    _PLANT[f"sensors.{name}_noise_{unit}"] for name, unit in (("depth", "mm"), ("temperature", "c"), ("torque", "nm"))
-)
+NOISE = tuple(SENSORS[name].noise for name in ("depth", "thermocouple", "torque"))
 #: rad/s; for peaks, and evenly spaced for variances
 _OMEGA = np.geomspace(2e-3, 0.95 * math.pi / STEP_S, 400)
 _EVEN = np.linspace(0.0, math.pi / STEP_S, 402)[1:-1]

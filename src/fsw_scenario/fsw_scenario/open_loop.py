@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fsw_control.contract import SENSORS, Command, Limits, Measurement, Proposal, Reference
+from fsw_control.contract import Command, Limits, Measurement, Proposal, Reference
+from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.timeline import commands
@@ -17,7 +18,7 @@ class OpenLoopController:
     """
 
     name = "open_loop"
-    tolerated_sensors: tuple[str, ...] = SENSORS
+    tolerated_sensors: tuple[str, ...] = REQUIRED
 
     def __init__(self, scenario: Scenario, start: Command, from_first_tick: bool = False) -> None:
         self._changes = commands(scenario, start)

@@ -39,9 +39,9 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
     heard = []
     peer.create_subscription(WeldCommand, "/fsw/open_loop/proposal", heard.append, STREAM)
     sensors = [
-        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), convert.depth_message, 2.65),
-        (peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM), convert.torque_message, 1052.0),
-        (peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM), convert.temperature_message, 850.0),
+        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), "depth", 2.65),
+        (peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM), "torque", 1052.0),
+        (peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM), "thermocouple", 850.0),
     ]
     references = peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
     references.publish(convert.reference_message(Reference(2.66, 850.0), 0))  # without one, no controller is asked
@@ -53,8 +53,8 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
 
     def send():
         stamp = next(stamps) * 100_000_000
-        for publisher, message, value in sensors:
-            publisher.publish(message(value, stamp))
+        for publisher, name, value in sensors:
+            publisher.publish(convert.sensor_message(name, value, stamp))
         return stamp
 
     def proposes():

@@ -200,7 +200,10 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
     for one in reversed(model.__mro__):
         if not issubclass(one, Model) or one is Model or one.__pydantic_generic_metadata__["origin"]:
             continue  # a generic model with its types has no source but that of the generic one, its base
-        (definition,) = ast.parse(dedent(inspect.getsource(one))).body
+        try:
+            (definition,) = ast.parse(dedent(inspect.getsource(one))).body
+        except OSError:  # made from a table by `create_model`
+            continue
         assert isinstance(definition, ast.ClassDef)
         for field, text in pairwise(definition.body):
             match field, text:

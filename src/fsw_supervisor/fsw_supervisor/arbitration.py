@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import REQUIRED
 from fsw_control.validity import Flaw
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.in_force import CommandInForce, CommandWatch
@@ -122,7 +123,7 @@ class Arbitration:
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all inputs have arrived whose timing must not matter for the decision."""
         mode, active = self.machine.mode, self.machine.active
-        missing = () if tick.judged else tuple(name for name in SENSORS if name not in tick.samples)
+        missing = () if tick.judged else tuple(name for name in REQUIRED if name not in tick.samples)
         if missing:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self._grace_s

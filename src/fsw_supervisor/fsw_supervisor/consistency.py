@@ -17,6 +17,7 @@ from math import exp, isfinite, isnan, nan
 from typing import NamedTuple
 
 from fsw_control.contract import Measurement
+from fsw_control.sensors import REQUIRED
 from fsw_model import ModelParameters, nominal
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 
@@ -184,11 +185,7 @@ class Consistency:
             self._temperature.restart()
         has_depth, has_torque, has_temperature = (
             valid and name not in m.held
-            for name, valid in (
-                ("depth", m.depth_valid),
-                ("torque", m.torque_valid),
-                ("thermocouple", m.temperature_valid),
-            )
+            for name, valid in zip(REQUIRED, (m.depth_valid, m.torque_valid, m.temperature_valid), strict=True)
         )
         torque = depth = temperature = nan
         driven = isfinite(m.force_kn) and isfinite(m.speed_rpm)

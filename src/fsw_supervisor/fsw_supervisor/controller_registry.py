@@ -7,11 +7,12 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from fsw_control.contract import BUILT_IN_SOURCES, SENSORS
+from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.fence import UNKNOWN
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.readiness import Lack, Readiness
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine

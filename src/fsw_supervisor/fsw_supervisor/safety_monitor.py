@@ -17,9 +17,10 @@ from typing import Any
 
 from fsw_control import weld
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.stop import StopCause
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
@@ -57,9 +58,7 @@ _QUANTITIES = {
     "temperature_model_high": "temperature_residual_c",
 }
 #: by value, the sensor that it needs
-_SENSOR = {"temperature_c": "thermocouple", "depth_mm": "depth", "torque_nm": "torque", "power_kw": "torque"}
-#: by sensor, the value that it measures
-_VALUE = {"depth": "depth_mm", "torque": "torque_nm", "thermocouple": "temperature_c"}
+_SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
 #: modes in which the process is controlled, or is to be again, without an operator
 _AUTOMATIC = (Mode.START, Mode.AUTO, Mode.HOLD)
 #: time in which as much blindness is forgiven as has lasted for a tenth of it (chosen)
@@ -107,7 +106,7 @@ class Blindness:
 
     def __init__(self) -> None:
         self.limit_s = 0.0
-        self._sum_s = dict.fromkeys(SENSORS, 0.0)
+        self._sum_s = dict.fromkeys(REQUIRED, 0.0)
         self._last_ns: int | None = None
 
     def forget_time(self) -> None:
@@ -222,7 +221,7 @@ class SafetyMonitor:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self._judged = True
-        tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
+        tick.dropouts = tuple(name for name in REQUIRED if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         if not self.invalid_sensors:
@@ -248,7 +247,9 @@ class SafetyMonitor:
             "depth_residual_mm": residuals.depth_mm,
             "temperature_residual_c": residuals.temperature_c,
         }
-        rejected = {_VALUE[name]: value for name, value in tick.samples.items() if reasons[name] and not isnan(value)}
+        rejected = {
+            SENSORS[name].signal: value for name, value in tick.samples.items() if reasons[name] and not isnan(value)
+        }
         if "torque_nm" in rejected:
             rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm))
         self.watch(known, measurement.held, rejected, self._since_judged_s())
@@ -265,7 +266,7 @@ class SafetyMonitor:
         before, self._standing = self._standing, {}
         for name, last_good in self._guard.jumped.items():
             cause, shown = f"{name}_jump", samples.get(name, nan)
-            text = f"{cause} is trip: {_VALUE[name]} {shown:.4g}, last good {last_good:.4g}"
+            text = f"{cause} is trip: {SENSORS[name].signal} {shown:.4g}, last good {last_good:.4g}"
             self._standing[cause] = before.get(cause, text)
         if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:

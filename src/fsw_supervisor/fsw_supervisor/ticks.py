@@ -6,9 +6,9 @@ from enum import StrEnum
 from math import inf
 
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level
@@ -47,6 +47,7 @@ class Ticks:
         self._stamps = StampFilter(self._lockstep)
         self.silence: Silence | None = None  #: why no tick begins; None while ticks begin
         self._heard_s = -inf  # last arrival of a sample, whatever its stamp
+        self._optional: dict[str, tuple[int, float]] = {}  # stamp and value of the last sample of each
         self._outbox: list[Decision] = []
 
     @property
@@ -68,6 +69,11 @@ class Ticks:
         sample, because proposals to it arrive meanwhile and the deadline counts from there.
         """
         self.pass_time(now_s)
+        if source in OPTIONAL:  # begins no tick
+            self._optional[source] = (stamp_ns, value)
+            if self.present is not None:
+                self._add_optional(self.present)
+            return
         self._heard_s = now_s
         newest_ns = self._stamps.newest_ns
         accepted = self._stamps.offer(source, stamp_ns, value, now_s)
@@ -82,8 +88,14 @@ class Ticks:
             if self._begins_anew and not known and tick.drives is not None and not (tick.settled or tick.answered):
                 self._in_force.forget()
             for name, sample in accepted.samples.items():
-                if name in SENSORS:
+                if name in REQUIRED:
                     tick.samples.setdefault(name, sample)
+
+    def _add_optional(self, tick: Tick) -> None:
+        """Enter the samples of optional sensors, which may come before those that begin their tick."""
+        for name, (stamp_ns, value) in self._optional.items():
+            if stamp_ns == tick.stamp_ns:
+                tick.samples.setdefault(name, value)
 
     def pass_time(self, now_s: float) -> None:
         """Note the time, and whether this process was itself stalled: then the queues get time to drain.
@@ -153,6 +165,7 @@ class Ticks:
             # The leader decides first.
             period_s = settings.takeover_s(self._lockstep)
         tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
+        self._add_optional(tick)
         if gap:
             self.interrupt(Reason(ReasonCode.GAP))
         self._arbitration.start_up.begin(now_s)  # after a gap before the first command listening begins anew

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import REQUIRED
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import ProposalInput
@@ -31,7 +32,7 @@ class Hand:
 
     def samples(self, *names, after_s=0.0):
         self.wait(after_s)
-        for name in names or SENSORS:
+        for name in names or REQUIRED:
             value = self.rig.values[name]
             self.out += self.arbiter.on_sample(name, self.rig.stamp_ns, value, self.rig.now_s + after_s)
         return self
@@ -305,7 +306,7 @@ def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig)
 
 @pytest.mark.requirement("S6")
 def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
-    rig.tolerated = dict.fromkeys(rig.names, SENSORS)
+    rig.tolerated = dict.fromkeys(rig.names, REQUIRED)
     rig.run(2)
     rig.silent.add("decentral")
     del rig.values["torque"]
@@ -319,7 +320,7 @@ def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
 
 
 def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
-    rig.tolerated = dict.fromkeys(rig.names, SENSORS)
+    rig.tolerated = dict.fromkeys(rig.names, REQUIRED)
     rig.run(2)
     rig.silent.add("decentral")
     del rig.values["torque"]
@@ -338,7 +339,7 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
 
 @pytest.mark.parametrize("blind", [True, False])
 def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
-    rig.tolerated = {"nmpc": SENSORS, "decentral": () if blind else SENSORS}
+    rig.tolerated = {"nmpc": REQUIRED, "decentral": () if blind else REQUIRED}
     rig.run(1)
     rig.values["torque"] = float("nan")
     rig.run(10)

@@ -91,10 +91,10 @@ class Peer(Node):
         acting = Command(self.applied.force_kn + self.pushed_kn, self.applied.speed_rpm)
         self.fence.measure()
         self.drives.publish(convert.drives_message(acting, self.stamp_ns, self.fence.state))
-        self.depths.publish(convert.depth_message(2.66, self.stamp_ns))
+        self.depths.publish(convert.sensor_message("depth", 2.66, self.stamp_ns))
         torque_nm = 1050.0 * self.applied.force_kn / 78.4
-        self.torques.publish(convert.torque_message(torque_nm, self.stamp_ns))
-        self.temperatures.publish(convert.temperature_message(850.0, self.stamp_ns))
+        self.torques.publish(convert.sensor_message("torque", torque_nm, self.stamp_ns))
+        self.temperatures.publish(convert.sensor_message("thermocouple", 850.0, self.stamp_ns))
         for name, (proposals, statuses) in self.voices.items():
             force = float("nan") if name in self.wild else self.applied.force_kn
             command = Command(force, self.applied.speed_rpm)

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -97,7 +98,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             acting = self.decisions[-1].command if self.decisions else self.drives
             self.feedback = [*self.feedback[-1:], acting]
             self._take(self.arbiter.on_drives(self.stamp_ns, acting, start_s))
-        for sensor, kind in zip(SENSORS, seen, strict=True):
+        for sensor, kind in zip(REQUIRED, seen, strict=True):
             if kind != "missing":
                 value = {"nan": math.nan, "wild": force, "trip": TRIPPING[sensor]}.get(kind, GOOD[sensor])
                 stamp = self.stamp_ns - (STEP_NS if kind == "old" else 0)
@@ -118,7 +119,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             self.now_s = max(self.now_s, at_s)
             self.offered.setdefault((name, proposal.stamp_ns), []).append(proposal)
             self._take(self.arbiter.on_proposal(name, proposal, at_s))
-            sensors = SENSORS if tolerant else ()
+            sensors = REQUIRED if tolerant else ()
             self._take(self.arbiter.on_status(name, sensors, name == "nmpc", at_s))
         if not asleep:
             self._run_timer(end_s)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
+from fsw_control.sensors import REQUIRED
 from fsw_supervisor.safety_monitor import Blindness, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
@@ -196,7 +197,7 @@ def test_a_sensor_that_returns_is_believed_but_the_stop_stays(rig):
 
 
 @pytest.mark.requirement("S37")
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", REQUIRED)
 @pytest.mark.parametrize("good_ticks", [0, 4])
 def test_the_time_without_a_sensor_adds_up(rig, sensor, good_ticks):
     """0.4 s of good samples in every 14 s do not give the weld away for ever."""

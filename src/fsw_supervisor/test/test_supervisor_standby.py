@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 
 from fsw_control.cause import Cause
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.fence import Fence, Signature
+from fsw_control.sensors import REQUIRED
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.settings import ArbiterSettings
@@ -131,7 +132,7 @@ class World:
             return member.arbiter.on_drives(stamp, acting, self.now_s)
 
         self.later(0.0, report)
-        for sensor in SENSORS:
+        for sensor in REQUIRED:
             value = VALUES[sensor]
             if sensor == "torque":
                 value += TORQUE_NM_PER_KN * (self.acting.force_kn - 78.4)

@@ -6,6 +6,7 @@ from fsw_control.cause import Cause
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
 from fsw_control.reason import Reason, ReasonCode
+from fsw_supervisor import ticks
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -33,6 +34,18 @@ def test_new_settings_hold_from_the_next_tick_on(rig):
         rig.run(10)
     assert rig.arbiter.safety.tripped == ("temperature_high",)
     assert rig.last.source == "safe_stop"
+
+
+# ---------------------------------------------------------------- samples
+
+
+def test_an_optional_sensor_begins_no_tick_and_enters_the_one_it_belongs_to(leader, monkeypatch):
+    monkeypatch.setattr(ticks, "OPTIONAL", ("lvdt",))
+    now, ahead_ns = leader.arbiter.ticks, leader.stamp_ns + STEP_NS
+    now.on_stamp("lvdt", ahead_ns, 2.7, leader.now_s)
+    assert now.present.stamp_ns == leader.stamp_ns and "lvdt" not in now.present.samples
+    now.on_stamp("depth", ahead_ns, 2.66, leader.now_s)
+    assert now.present.stamp_ns == ahead_ns and now.present.samples == {"lvdt": 2.7, "depth": 2.66}
 
 
 # ---------------------------------------------------------------- gaps

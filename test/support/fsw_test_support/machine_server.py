@@ -31,6 +31,7 @@ from cryptography import x509
 
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_machine.certificates import SecurityError, check_key, der, now, read_certificate
 from fsw_machine.machine_file import WRITTEN, MachineFile
@@ -122,7 +123,7 @@ class MachineServer:
         await self._secure()
         server.set_identity_tokens([ua.AnonymousIdentityToken if machine.user is None else ua.UserNameIdentityToken])
         index = await server.register_namespace(machine.namespace) if machine.namespace else 0
-        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes}
+        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._ids["switch"] = ua.NodeId.from_string(f"ns={index};{SWITCH}")
         for name, identifier in self._ids.items():
             kind = _TYPES.get(name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double)
@@ -185,13 +186,11 @@ class MachineServer:
         stamp_ns = time.time_ns() + self.clock_offset_ns
         reading = self.plant.measure()
         self.counter += 1
-        for name, samples in (
-            ("depth", reading.depth_mm),
-            ("torque", reading.torque_nm),
-            ("temperature", reading.temperature_c),
-        ):
+        for name, samples in reading.samples.items():
+            if (stem := SENSORS[name].stem) not in self._ids:
+                continue
             for sample_ns, value in samples:  # none while a sensor drops out: the node keeps its old timestamp
-                await self._show(name, value, stamp_ns - (reading.stamp_ns - sample_ns))
+                await self._show(stem, value, stamp_ns - (reading.stamp_ns - sample_ns))
         await self._show("permissive", self.permissive, stamp_ns)
         acting, in_force = reading.drives, self.plant.applied
         for name, value in (

@@ -216,7 +216,7 @@ class GatewayEnd(ActuatorEnd):
         sensors, permissive = self._sensors(acting), machine.permissive
         out = self.gateway.on_read(machine.plc.read(clock_ns, world.now_s, acting, sensors, steps, permissive))
         if out is not None:
-            self._report(out.stamp_ns, out.drives, (out.depth_mm, out.torque_nm, out.temperature_c))
+            self._report(out.stamp_ns, out.drives, tuple(out.values.values()))
             self.look()
 
     def _notice_reaction(self) -> None:

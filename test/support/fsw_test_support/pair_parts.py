@@ -10,8 +10,9 @@ from typing import Any
 
 from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.command_check import refusal
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState, Signature
+from fsw_control.sensors import REQUIRED
 from fsw_control.stop import Stop, StopCause, StopRegister
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
@@ -108,7 +109,7 @@ class Supervisor(Holder):
 
     def on_samples(self, stamp_ns: int, values: tuple[float, ...]) -> None:
         """The sensors have measured."""
-        for sensor, value in zip(SENSORS, values, strict=True):
+        for sensor, value in zip(REQUIRED, values, strict=True):
             self.publish(self.arbiter.on_sample(sensor, stamp_ns, value, self.world.now_s))
 
     def on_proposal(self, name: str, stamp_ns: int, command: Command, source: str) -> None:

@@ -6,13 +6,12 @@ from typing import Any
 
 import rclpy
 from action_msgs.srv import CancelGoal
-from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control.references_ros import reference_queue, subscribe_references
-from fsw_control.topics_ros import LATCHED, LATEST, STREAM
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldProgress, WeldReference
+from fsw_control.topics_ros import LATCHED, LATEST, sensor_publishers
+from fsw_msgs.msg import WeldProgress, WeldReference
 from fsw_scenario.scenario_node import ScenarioNode
 from fsw_test_support.ros_graph import Spinner
 
@@ -38,8 +37,7 @@ class PlayerGraph(Spinner):
         subscribe_references(self.peer, self.follows)
         self.progress: list[Any] = []
         self.peer.create_subscription(WeldProgress, "fsw/weld_progress", self.progress.append, LATEST)
-        kinds = (("depth", ShoulderDepth), ("spindle_torque", SpindleTorque), ("thermocouple", Temperature))
-        self.sensors = [self.peer.create_publisher(kind, f"fsw/{name}", STREAM) for name, kind in kinds]
+        self.sensors = sensor_publishers(self.peer)
         self.cancel = self.peer.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
         self.by_hand = self.peer.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self.number = self.before = 0  #: of the tick, and of the last before the weld
@@ -51,7 +49,7 @@ class PlayerGraph(Spinner):
 
     def listens(self) -> bool:
         """Whether the player has begun."""
-        return all(one.get_subscription_count() for one in (*self.sensors, self.by_hand))
+        return all(one.get_subscription_count() for one in (*self.sensors.values(), self.by_hand))
 
     @property
     def weld(self) -> Any:
@@ -65,14 +63,14 @@ class PlayerGraph(Spinner):
 
     def depth(self, number: int) -> None:
         """Publish a depth."""
-        self.sensors[0].publish(convert.depth_message(2.66, START_NS + number * STEP_NS))
+        self.sensors["depth"].publish(convert.sensor_message("depth", 2.66, START_NS + number * STEP_NS))
 
     def tick(self) -> Any:
         """One tick, which the player has seen at its end; returns what is then in force."""
         self.number += 1
         stamp_ns = START_NS + self.number * STEP_NS
-        self.sensors[1].publish(convert.torque_message(1050.0, stamp_ns))
-        self.sensors[2].publish(convert.temperature_message(816.4, stamp_ns))
+        self.sensors["torque"].publish(convert.sensor_message("torque", 1050.0, stamp_ns))
+        self.sensors["thermocouple"].publish(convert.sensor_message("thermocouple", 816.4, stamp_ns))
         self.depth(self.number)
         weld = self.weld
         self.until(

@@ -15,9 +15,10 @@ from typing import Any
 
 from fsw_control import weld
 from fsw_control.command_check import refusal
-from fsw_control.contract import SENSORS, Command
+from fsw_control.contract import Command
 from fsw_control.fence import Signature
 from fsw_control.parameters import defaults, load
+from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import Frozen, sensor_limits
 from fsw_machine.gateway import Gateway
@@ -255,7 +256,7 @@ class Cell:
         messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
         late: list[_Message] = []
         torque_nm = 980.0 + TORQUE_NM_PER_KN * (drives.force_kn - HOME.force_kn)
-        for sensor, value in zip(SENSORS, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True):
+        for sensor, value in zip(REQUIRED, (2.66, torque_nm, TEMPERATURES_C[self.temperature]), strict=True):
             if value is not None:
                 messages.append(partial(arbiter.on_sample, sensor, stamp_ns, value))
         for name in NAMES if self.candidate != "none" else ():

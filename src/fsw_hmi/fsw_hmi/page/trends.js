@@ -15,11 +15,12 @@ export const uPlotReady = new Promise((resolve, reject) => {
   document.head.append(el("link", { rel: "stylesheet", href: css }), el("script", { src: script, onload: resolve, onerror: reject }));
 });
 
-/** @type {Record<"value" | "aim" | "edge", (key: string) => Line>} */
+/** @type {Record<"value" | "aim" | "edge" | "other", (key: string) => Line>} */
 export const LINES = {
   value: (key) => ({ key, stroke: INK, width: 2 }),
   aim: (key) => ({ key, stroke: "#5a6268", width: 1.5, dash: [2, 3] }),
   edge: (key) => ({ key, stroke: "#7b848a", width: 1 }),
+  other: (key) => ({ key, stroke: "#8a5a00", width: 1 }),
 };
 
 /** Columns of the normal range along a trend, which may follow the set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
@@ -35,7 +36,8 @@ export function withNormal(columns, limits) {
 /** The lines of a quantity in the live page. @param {string} key @param {Limits} limits */
 export function liveLines(key, limits) {
   const edges = limits[key]?.kept ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
-  return [...edges, LINES.aim(quantity(key).aim), LINES.value(key)];
+  const others = (limits[key]?.others ?? []).map(({ key: column, name }) => ({ ...LINES.other(column), name }));
+  return [...edges, LINES.aim(quantity(key).aim), ...others, LINES.value(key)];
 }
 
 export class Trends {
@@ -76,7 +78,7 @@ export class Trends {
     const lines = this.options.lines(key);
     const reading = el("span", { className: "reading" });
     const plot = el("div", { className: "plot", role: "img", "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
-    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, spec.unit)), reading, plot));
+    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, [spec.unit, ...lines.flatMap(({ name }) => name ?? [])].join(", "))), reading, plot));
     const one = { key, spec, plot, reading, keys: lines.map((line) => line.key), extra: [] };
     return Object.assign(one, { uplot: new uPlot(this.#settings(one, lines), [[], ...lines.map(() => [])], plot) });
   }

@@ -1,0 +1,139 @@
+"""The sensors of a weld: one table, from which topics, parameters, checks, faults, records and labels follow.
+
+A new sensor is a row here, its value in the plant (``fsw_plant.emulator``) and, where it is of a new kind, its message.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from fsw_control.units import from_si, to_si
+from fsw_schema.ranges import Range
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What a sensor measures: its units and the ranges within which its numbers can be set."""
+
+    name: str  #: also the field of the message
+    unit: str  #: inside, e.g. ``N m``; on the wire it is SI (``fsw_control.units``)
+    suffix: str  #: the unit in names, e.g. ``nm``
+    plausible: Range  #: of the limits of a sensor
+    fault: Range  #: of a fault's magnitude (of a drift: per second)
+    noise: Range  #: of the standard deviation of a sensor's noise
+    resolution: Range  #: of a sensor's quantisation
+
+    @property
+    def signal(self) -> str:
+        """Name of its values, with the unit, e.g. ``temperature_c``."""
+        return f"{self.name}_{self.suffix}"
+
+
+def _quantity(name: str, unit: str, suffix: str, *ranges: tuple[float, float]) -> Quantity:
+    return Quantity(name, unit, suffix, *(Range(*ends, unit) for ends in ranges))
+
+
+DEPTH = _quantity("depth", "mm", "mm", (-10.0, 20.0), (-5.0, 5.0), (0.0, 1.0), (0.0, 1.0))
+TORQUE = _quantity("torque", "N m", "nm", (-5000.0, 10_000.0), (-2000.0, 2000.0), (0.0, 500.0), (0.0, 100.0))
+TEMPERATURE = _quantity("temperature", "degC", "c", (-50.0, 1500.0), (-1000.0, 1000.0), (0.0, 100.0), (0.0, 10.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A row of the table; numbers are in the unit of the quantity.
+
+    Control needs every ``required`` sensor: ticks wait for it, and it can stop a weld. Any other one is published,
+    checked, recorded and shown where it is there; nothing waits for it.
+    """
+
+    name: str  #: in faults, alarms and reports
+    title: str  #: for people, within a sentence
+    quantity: Quantity
+    topic: str  #: relative to the weld's namespace
+    message: str  #: its type; the value is in the field with the quantity's name
+    #: smallest and largest plausible sample, and fastest plausible change (per second)
+    minimum: float
+    maximum: float
+    max_rate: float
+    #: largest change that the supervisor believes; None: any, as of a sensor that stops no weld
+    max_jump: float | None
+    noise: float  #: standard deviation: what the emulator adds, and what is expected of the sensor
+    resolution: float  #: quantisation in the emulator
+    key: str = ""  #: stem of its names in figures and parameters, where that is not its name
+    required: bool = True
+
+    @property
+    def stem(self) -> str:
+        """Name of its signal without unit."""
+        return self.key or self.name
+
+    @property
+    def signal(self) -> str:
+        """Name of its values, with the unit, e.g. ``temperature_c``."""
+        return f"{self.stem}_{self.quantity.suffix}"
+
+    @property
+    def label(self) -> str:
+        """Its values, for people."""
+        return self.stem.replace("_", " ").capitalize()
+
+    def inside(self, value: Any) -> Any:
+        """A value from the wire, or an array of them, in the unit inside."""
+        return value * from_si(1.0, self.quantity.unit)
+
+    def on_wire(self, value: Any) -> Any:
+        """A value in the unit inside, or an array of them, as it is on the wire."""
+        return value * to_si(1.0, self.quantity.unit)
+
+    def template(self) -> dict[str, Any]:
+        """What ``$NAME`` stands for in the descriptions of parameters that each sensor has."""
+        quantity = self.quantity
+        ranges = {f"{name}_range": getattr(quantity, name) for name in ("plausible", "noise", "resolution")}
+        numbers = ("minimum", "maximum", "max_rate", "max_jump", "noise", "resolution")
+        return {
+            **{name: getattr(self, name) for name in ("name", "title", "stem", *numbers)},
+            **{name: [bounds.low, bounds.high] for name, bounds in ranges.items()},
+            "unit": quantity.unit,
+            "suffix": quantity.suffix,
+        }
+
+
+_ROWS = (
+    Sensor(
+        *("depth", "depth sensor", DEPTH, "fsw/depth", "fsw_msgs/msg/ShoulderDepth"),
+        minimum=0.0,
+        maximum=6.0,
+        max_rate=10.0,
+        max_jump=0.5,
+        noise=0.002,
+        resolution=0.0001,
+    ),
+    Sensor(
+        *("torque", "torque sensor", TORQUE, "fsw/spindle_torque", "fsw_msgs/msg/SpindleTorque"),
+        minimum=100.0,
+        maximum=3000.0,
+        max_rate=3000.0,
+        max_jump=200.0,
+        noise=2.0,
+        resolution=0.1,
+    ),
+    Sensor(
+        *("thermocouple", "thermocouple", TEMPERATURE, "fsw/thermocouple", "sensor_msgs/msg/Temperature"),
+        minimum=300.0,
+        maximum=1080.0,
+        max_rate=400.0,
+        max_jump=40.0,
+        noise=0.1,
+        resolution=0.01,
+        key="temperature",
+    ),
+)
+#: by name; those that control needs come first, in the order of ``Measurement``
+SENSORS = {row.name: row for row in _ROWS}
+REQUIRED = tuple(row.name for row in _ROWS if row.required)
+OPTIONAL = tuple(row.name for row in _ROWS if not row.required)
+if TYPE_CHECKING:
+    SensorName = str
+else:  # so that models and schemas have the names
+    SensorName = Literal[tuple(SENSORS)]
