@@ -157,7 +157,7 @@ def meanings(model: type[Model]) -> dict[str, str]:
 def messages() -> dict[str, str]:
     """Pages of the definitions: messages of control, those of operation and quality, services, actions."""
     folder = WORKSPACE / "src/fsw_msgs"
-    watching = ("AlarmEvent", "OperatorAction", "WeldHealth", "WeldKpi", "WeldProgress")
+    watching = ("AlarmEvent", "OperatorAction", "WeldFinding", "WeldHealth", "WeldKpi", "WeldProgress")
     all_messages = sorted((folder / "msg").glob("*.msg"))
     groups = {
         "messages": ("Messages", [path for path in all_messages if path.stem not in watching]),

@@ -16,7 +16,7 @@ from fsw.progress import ProgressBar
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
 from fsw_identification import report, summary
-from fsw_model import ModelParameters
+from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.config import specs
 from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 from fsw_schema.ranges import Range
@@ -31,6 +31,7 @@ _LAG = specs()["actuators.lag_s"]
     "model parameters of a process from bags of its welds; proposes an experiment",
     option("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all"),
     file("--out", "model file (YAML); with --design the scenario"),
+    file("--covariance", "covariance of the estimates (YAML), for the monitor"),
     file("--validate", "weld to validate the model, not used for the estimate", "BAG"),
     file("--air", "run in air at several speeds, to identify the friction (23)", "BAG"),
     file("--report", "write report.html and report.png into this folder", "DIR"),
@@ -60,7 +61,7 @@ def identify(arguments: argparse.Namespace) -> int:
         raise CommandError("identify: give the bag of a weld, or --design")
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
-    check_new([arguments.out], arguments.force)
+    check_new([arguments.out, arguments.covariance], arguments.force)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
     if arguments.report is not None:
         new_folder(arguments.report, "", "--report")
@@ -83,6 +84,11 @@ def identify(arguments: argparse.Namespace) -> int:
     print("".join(f"- {line}\n" for line in summary.remarks(result)), end="")
     write_text(arguments.out, result.text)
     files = [arguments.out]
+    if arguments.covariance is not None:
+        fit = result.fit
+        known = ParameterCovariance(parameters=list(fit.free), covariance=fit.covariance.tolist())
+        write_text(arguments.covariance, known.text)
+        files.append(arguments.covariance)
     if arguments.report is not None:
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
@@ -93,6 +99,8 @@ def _design(arguments: argparse.Namespace) -> int:
     duration_s = _DURATION_S if arguments.duration is None else arguments.duration
     if arguments.bag or arguments.report or arguments.validate or arguments.air or arguments.steady:
         raise CommandError("identify: --design takes no bags, estimates nothing and writes no report")
+    if arguments.covariance:
+        raise CommandError("identify: --design estimates nothing, so there is no covariance")
     check_new([arguments.out], arguments.force)
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:

@@ -66,7 +66,12 @@ ARGUMENTS = {
         "",
         "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
     ),
-    "monitor": ("false", "Whether the monitor watches the weld and tells causes and advice"),
+    "monitor": ("false", "Whether the monitor watches the weld and names causes and advice"),
+    "model_file": ("", "Model of this machine (YAML), for the monitor; empty: the paper's"),
+    "covariance_file": (
+        "",
+        "Covariance of that model, as `identify --covariance` writes it; empty: wide enough for a model within 10 %",
+    ),
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
@@ -137,6 +142,9 @@ def weld(context: LaunchContext) -> list[Any]:
     clock = {} if speed is None else {"use_sim_time": True}
     page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
     watch = {"process": "canister" if machine or (scenario is not None and scenario.on_canister) else "paper", **clock}
+    for name in ("model_file", "covariance_file"):
+        if arguments[name]:
+            watch[name] = str(Path(arguments[name]).expanduser().absolute())
     parameters["fsw_monitor"] = {"ros__parameters": watch}
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if arguments["autostart"] in FALSE:

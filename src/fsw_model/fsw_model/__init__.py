@@ -1,5 +1,6 @@
 """Process model of friction stir welding of copper canisters, the paper's (5)-(27)."""
 
+from fsw_model.covariance import ParameterCovariance
 from fsw_model.equations import STEP_S
 from fsw_model.parameters import ModelParameters, nominal
 from fsw_model.process import (
@@ -18,6 +19,7 @@ __all__ = [
     "ModelParameters",
     "OperatingPointError",
     "Outputs",
+    "ParameterCovariance",
     "ProcessModel",
     "ProcessState",
     "nominal",

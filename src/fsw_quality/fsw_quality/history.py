@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from fsw_analysis.course import course_of
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_model import nominal
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.monitor_run import Watched
 from fsw_schema.files import locked, replacing
@@ -74,8 +75,8 @@ def row(
     found |= {
         "start_ns": int(signals.stamp_ns[0]),
         "alarms": len(watched.alarms),
-        "alarm_kinds": ", ".join(dict.fromkeys(one.finding.kind for one in watched.alarms)),
-        "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.cause}" for one in watched.alarms),
+        "alarm_kinds": ", ".join(dict.fromkeys(one.finding.cause.word for one in watched.alarms)),
+        "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.text}" for one in watched.alarms),
         "swaps": int(np.sum(sources[1:] != sources[:-1])),
         "operator_actions": sum(one.kind == "operator" for one in signals.events),
         "duration_s": float(course.time_s[-1] - course.time_s[0]),
@@ -88,9 +89,8 @@ def row(
         of = (known.mean(), known.std(), np.abs(known).max()) if known.size else (nan, nan, nan)
         for what, value in zip(("mean", "sigma", "max"), of, strict=True):
             found[f"{variable}_error_{what}_{unit}"] = float(value)
-    largest = watched.largest()
-    for key, figure in (("torque_nm", "torque"), ("depth_um_per_min", "depth"), ("heat_c", "heat")):
-        found[f"drift_{key}"] = largest.get(f"drift_{figure}", nan)
+    found["drift_torque_nm"], force_kn, found["drift_heat_c"] = watched.drifts()
+    found["drift_depth_um_per_min"] = 60e3 * nominal().depth_gain_mm_per_kn_s * force_kn
     for gain in ("heat", "depth"):
         found[f"gain_{gain}"] = watched.gains.get(gain, (nan, nan))[0]
     return found

@@ -1,36 +1,55 @@
-"""The watch within a weld: takes what is measured and commanded at each tick, tells what is about to go wrong and why.
+"""The watch within a weld: sensors and drives first, then the process, by the likelihood of its residuals.
 
 It commands nothing. Everything that it compares is measured or commanded; the emulator's truth is not among it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from math import isfinite, nan
+from statistics import NormalDist
 from typing import NamedTuple
 
+import numpy as np
+
+from fsw_analysis.weld_signals import FloatArray
 from fsw_control import weld
 from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
-from fsw_quality.diagnosis import Finding, Limits, diagnose, load_limits
-from fsw_quality.noise import NoiseWatch
-from fsw_quality.residuals import ModelResiduals
-from fsw_quality.watches import LEARN_S, DriveWatch, InnovationWatch, LoopWatch, ModelWatch, SensorWatch
+from fsw_quality.diagnosis import Finding
+from fsw_quality.drive_watch import DriveWatch
+from fsw_quality.likelihood import Healthy, Second, Traces, default_covariance
+from fsw_quality.residuals import DEPTH, HEAT, TORQUE, Gains, ModelResiduals, Values
+from fsw_quality.sensor_health import LEARN_S, Detached, SensorHealth
+from fsw_quality.signatures import OF_HEAT, SIZES, Onset, signatures
 
-PROCESSES = tuple(load_limits())
-#: seconds in succession for which a figure is beyond its limit before that counts, and back before it no longer does
-_ON_S, _OFF_S, _BACK = 3, 10, 0.8
-#: ticks without a usable sample after which everything is learnt anew
-_LOST = 50
+PROCESSES = "paper", "canister"
+_SECOND = round(1.0 / TICK_S)
+#: gap after which another weld begins [s]
+_GAP_S = 5.0
 #: the drives: name, least change of the command that must show, bounds, largest step
 _DRIVES = (
     ("force", 0.1, weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, weld.FORCE_STEP_KN),
     ("speed", 0.5, weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, weld.SPEED_STEP_RPM),
 )
-#: samples that can be no measured values: the model has no meaning beyond (depth mm, torque N m, temperature degC)
+#: what can be no measured value: the model has no meaning beyond (depth mm, torque N m, temperature degC)
 _RANGES = ((0.3, 6.0), (0.0, 4000.0), (300.0, 1200.0))
+#: sensors that each residual needs
+_NEEDS = {TORQUE: (0, 1), DEPTH: (0, 2), HEAT: (1, 2)}
+#: onsets that are compared, and the time between two [s] (chosen)
+_ONSETS, _EVERY_S = 30, 10
+#: aim: false alarms in a weld, of this length
+_FALSE_ALARMS, _WELD_S = 0.01, 2700.0
+#: log likelihood ratios: of an alarm, by the aim, for every fault and onset alike each second; of a trend, four
+#: standard errors; by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
+_TESTS = len(SIZES) * _ONSETS * _WELD_S
+ALARM = 0.5 * NormalDist().inv_cdf(0.5 * _FALSE_ALARMS / _TESTS) ** 2
+TREND, _BESIDE = 8.0, 3.0
+#: model and signatures are inexact by this share: of what moves within a second, and of a likelihood ratio, so that
+#: causes that are nearer cannot be distinguished, either (chosen)
+_INEXACT = 0.1
+#: seconds for which it must be likely (chosen)
+_LASTING_S = 3
 
 
 class Sample(NamedTuple):
@@ -46,185 +65,202 @@ class Sample(NamedTuple):
     #: the command for the step that ended at this tick
     command_force_kn: float
     command_speed_rpm: float
-    reference_depth_mm: float
-    reference_temperature_c: float
-    source: str = ""  #: who commands
 
 
-@dataclass(slots=True)
-class _Count:
-    """How long a figure has been beyond its limit, or back."""
+class ProcessWatch:
+    """Likelihood of the faults of sensors and process that the model shows."""
 
-    beyond: int = 0
-    back: int = 0
-    active: bool = False
+    def __init__(self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool) -> None:
+        self._p = parameters
+        self._faults = [one for one in SIZES if known_heat or one not in OF_HEAT]
+        self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
+        self.residuals = ModelResiduals(parameters, known_heat)
+        self.healthy = Healthy(parameters, covariance, known_heat)
+        self._traces = Traces(_ONSETS, len(self._faults))
+        self._onsets: list[Onset] = []
+        self._ticks: list[FloatArray] = []
+        self._withheld = [False] * 3
+        self._seconds, self._beyond, self._pinned = 0, 0, -1
+        self._last = np.zeros(0)
+        self._before: tuple[Gains, FloatArray] | None = None
 
-    def look(self, value: float, limit: float, known: bool) -> None:
-        self.beyond = self.beyond + 1 if value > limit else 0
-        self.back = self.back + 1 if value < _BACK * limit else 0
-        if self.beyond >= _ON_S:
-            self.active = True
-        elif self.back >= _OFF_S or (known and value == 0.0):  # nothing is left to tell
-            self.active = False
+    def tick(self, values: Values, usable: list[bool]) -> None:
+        """Take the values of a tick; those that are not usable have been replaced."""
+        residuals = self.residuals.step(values)
+        self._last = residuals.copy()
+        for i, sensors in _NEEDS.items():
+            if not all(usable[sensor] for sensor in sensors):
+                residuals[i] = nan
+        self._ticks.append(residuals)
+
+    def second(self, time_s: float, noises: FloatArray, learning: bool) -> None:
+        """A second is over; ``noises`` are those of the sensors (standard deviations)."""
+        of_ticks, self._ticks = np.array(self._ticks), []
+        present = np.isfinite(of_ticks[:, :, 0]).sum(axis=0)
+        means = np.array(
+            [
+                of_ticks[np.isfinite(of_ticks[:, i, 0]), i].mean(axis=0) if present[i] else of_ticks[0, i]
+                for i in range(3)
+            ]
+        )
+        # of the tick before this second: within it, a controller answers the noise that is in the means
+        gains, sensitivities = self._before or (self.residuals.gains(), self.residuals.sensitivities(means))
+        self._before = self.residuals.gains(), self.residuals.sensitivities(self._last)
+        spread = np.array(
+            [[noises[1], gains.nm_per_mm * noises[0]], [noises[0], gains.mm_per_c * noises[2]], [noises[2], 0.0]]
+        )
+        variances = (spread**2).sum(axis=1) / np.maximum(present, 1)
+        pressed_mm = self._before[0].creep_mm + self._before[0].slow_mm - gains.creep_mm - gains.slow_mm
+        moved = np.array([0.0, pressed_mm, self._before[0].heated_c - gains.heated_c])
+        variances += (_INEXACT * moved) ** 2
+        second = Second(means[:, 0], sensitivities, variances)
+        for i in range(3):
+            if self._withheld[i] and present[i]:
+                self.healthy.doubt(i)
+                self._onsets.clear()  # faults begin again
+                self._traces = Traces(_ONSETS, len(self._faults))
+            self._withheld[i] = not present[i]
+        if learning:
+            self.healthy.step(second)
+            return
+        if self.healthy.learnt is None:
+            self.healthy.learn()
+        if self._seconds % _EVERY_S == 0 or not self._onsets:
+            self._begin(Onset(time_s - 1.0, gains))
+        self._seconds += 1
+        onsets = [*self._onsets, *self._onsets[:1] * (_ONSETS - len(self._onsets))]
+        self._traces.signatures = signatures(self._p, self._faults, onsets, time_s, gains, second.sensitivities)
+        self._traces.signatures[:, len(self._onsets) :] = 0.0
+        self.residuals.edges_mm += self.healthy.step(second, self._traces)
+
+    def _begin(self, onset: Onset) -> None:
+        """An onset more, in the place of the oldest that is not that of an alarm."""
+        if len(self._onsets) < _ONSETS:
+            self._onsets.append(onset)
+            return
+        times = [np.inf if i == self._pinned else one.time_s for i, one in enumerate(self._onsets)]
+        oldest = int(np.argmin(times))
+        self._onsets[oldest] = onset
+        self._traces.begin(oldest)
+
+    def gains(self) -> dict[str, tuple[float, float]]:
+        """Gains relative to the model's, each with its standard error."""
+        return self.healthy.gains(self.residuals.gains().process_nm)
+
+    def findings(self, sick: bool) -> list[Finding]:
+        """The likeliest fault, if any is likely: an alarm, or while that is not sure or a sensor is sick a trend."""
+        sizes, errors = self._traces.sizes()
+        sizes = np.clip(sizes, -self._largest, self._largest)
+        ratios = self._traces.ratios(sizes)
+        best = ratios.max(axis=0)
+        order = np.argsort(-best)
+        likeliest = int(order[0])
+        onset = int(np.argmax(ratios[:, likeliest]))
+        size, error = float(sizes[onset, likeliest]), float(errors[onset, likeliest])
+        # over the best that is harmless
+        harmless = np.clip(sizes, -self._harmless, self._harmless)
+        top = float(ratios[onset, likeliest] - self._traces.ratios(harmless)[onset, likeliest])
+        level = ALARM if self._beyond < _LASTING_S else 0.5 * ALARM  # an alarm that is there stays for longer
+        self._beyond = self._beyond + 1 if top >= level and not sick else 0
+        alarm = self._beyond >= _LASTING_S
+        self._pinned = onset if alarm else -1
+        if top < TREND:
+            return []
+        near = best[likeliest] - max(_BESIDE, _INEXACT * best[likeliest])
+        beside = tuple(self._faults[i] for i in order[1:] if best[i] > near)
+        return [Finding(self._faults[likeliest], alarm, size, error, top, beside)]
 
 
 class Monitor:
     """The watch of one weld.
 
-    The limits are those of the ``process``, one of ``PROCESSES``, unless others are given; the parameters those of the
-    model that the controllers have, the paper's by default.
+    ``process`` is one of ``PROCESSES``: on a canister the heat is unknown. The parameters are those of the model that
+    the controllers have, the paper's by default; the covariance is that of :func:`likelihood.default_covariance`
+    unless the model of this machine was identified with one.
     """
 
     def __init__(
-        self, process: str = "paper", parameters: ModelParameters | None = None, limits: Limits | None = None
+        self, process: str = "paper", parameters: ModelParameters | None = None, covariance: FloatArray | None = None
     ) -> None:
-        self._limits = limits or load_limits()[process]
+        self._known_heat = process == "paper"
         self._parameters = parameters or nominal()
-        self.figures: dict[str, float] = {}  #: newest of each
-        self.findings: list[Finding] = []
-        self.restarts = -1  #: how often it began anew
+        self._covariance = default_covariance() if covariance is None else covariance
+        self.restarts = -1  #: how often another weld has begun
         self.restart()
 
     def restart(self) -> None:
         """Forget the weld: another begins, or time has jumped."""
-        dead_time_s = self._parameters.dead_time_s
-        self._residuals = ModelResiduals(self._parameters)
-        self._model = ModelWatch(dead_time_s)
-        self._sensors = [SensorWatch(name) for name in REQUIRED]
+        self.process = ProcessWatch(self._parameters, self._covariance, self._known_heat)
+        self._sensors = [SensorHealth(name) for name in REQUIRED]
+        self._detached = Detached()
         self._drives = [DriveWatch(*one) for one in _DRIVES]
-        self._loops = [LoopWatch("depth", 0.0), LoopWatch("temperature", dead_time_s)]
-        self._innovations = [InnovationWatch(name) for name in ("torque", "depth", "heat")]
-        self._noises = {name: NoiseWatch() for name in ("torque", "depth", "heat")}
-        self._counts: dict[str, _Count] = {}
-        self._tick, self._lost, self._begun_s, self._time_s = 0, 0, nan, nan
-        self._points, self._points_s = (nan, nan), nan
-        self._source = ""
-        self._told: dict[str, dict[str, float]] = {}
-        self._shown: dict[str, float] = {}
-        self.figures, self.findings = {}, []
+        self._good, self._shown_c = [nan] * 3, nan
+        self._tick, self._begun_s, self._time_s = 0, nan, nan
+        self.seconds = 0  #: seconds that were judged
+        self.findings: list[Finding] = []
         self.restarts += 1
 
     @property
     def learning(self) -> bool:
-        """Whether the weld's own normal values are still being learnt."""
+        """Whether the disturbances of this weld are still being learnt."""
         return not self._time_s - self._begun_s > LEARN_S
 
     def step(self, now: Sample) -> None:
-        """Take a tick; once a second the figures and findings are new."""
-        inputs = (now.force_kn, now.speed_rpm, now.command_force_kn, now.command_speed_rpm)
-        values = (now.depth_mm, now.torque_nm, now.temperature_c)
-        usable = all(low <= value <= high for value, (low, high) in zip(values, _RANGES, strict=True))
-        if not (usable and all(map(isfinite, inputs))):
-            self._lost += 1
+        """Take a tick; once a second the findings are new."""
+        if not isfinite(now.force_kn + now.speed_rpm + now.time_s) or now.time_s == self._time_s:
             return
-        if self._lost > _LOST or not 0.0 < now.time_s - self._time_s < _LOST * TICK_S:
+        if not 0.0 < now.time_s - self._time_s < _GAP_S:
             if isfinite(self._time_s):
                 self.restart()
-            self._begun_s = self._points_s = now.time_s
-        self._lost, self._time_s = 0, now.time_s
-        self._take(now)
+            self._begun_s = now.time_s
+        values = now.depth_mm, now.torque_nm, now.temperature_c
+        inside = [low <= value <= high for value, (low, high) in zip(values, _RANGES, strict=True)]
+        if not all(inside) and not all(map(isfinite, self._good)):
+            self._begun_s = nan  # the weld has not begun
+            return
+        if not isfinite(self._begun_s):
+            self._begun_s = now.time_s
+        self._time_s = now.time_s
+        self._take(now, values, inside)
         self._tick += 1
-        if self._tick % round(1.0 / TICK_S) == 0:
-            self._second(now.time_s)
+        if self._tick % _SECOND == 0:
+            self._second()
 
-    def _take(self, now: Sample) -> None:
-        points = now.reference_depth_mm, now.reference_temperature_c
-        if points != self._points:
-            self._points, self._points_s = points, now.time_s
-        if now.source != self._source:
-            self._source, self._points_s = now.source, now.time_s
-            for drive in self._drives:
-                drive.forget()
-            for sensor in self._sensors:
-                sensor.forget(now.time_s - self._begun_s)
-        for sensor, value in zip(self._sensors, (now.depth_mm, now.torque_nm, now.temperature_c), strict=True):
-            sensor.push(value)
-        self._drives[0].push(now.command_force_kn, now.force_kn)
-        self._drives[1].push(now.command_speed_rpm, now.speed_rpm)
-        self._loops[0].push(now.depth_mm - now.reference_depth_mm)
-        self._loops[1].push(now.temperature_c - now.reference_temperature_c)
-        found = self._residuals.step(now.depth_mm, now.torque_nm, now.temperature_c, now.force_kn, now.speed_rpm)
-        self._model.push(found)
-        for innovation, value in zip(self._innovations, (found.torque_nm, found.depth_mm, found.heat_c), strict=True):
-            innovation.push(value)
-        if self.learning:
-            for noise, value in zip(
-                self._noises.values(), (found.torque_nm, found.depth_mm, found.heat_c), strict=True
-            ):
-                noise.push(value)
+    def _take(self, now: Sample, values: tuple[float, float, float], inside: list[bool]) -> None:
+        carried = values[0], values[1] - self.process.residuals.expected_nm(now.speed_rpm), values[2]
+        usable = [
+            sensor.push(now.time_s, value if good else nan, carrier)
+            for sensor, value, carrier, good in zip(self._sensors, values, carried, inside, strict=True)
+        ]
+        usable[2] = usable[2] and not self._detached.present
+        if isfinite(values[2]):
+            self._shown_c = values[2]
+        for i in range(3):
+            if usable[i] or not isfinite(self._good[i]):
+                self._good[i] = values[i]
+        torque = values[1] if usable[1] else nan
+        self.process.tick(Values(self._good[0], torque, self._good[2], now.force_kn, now.speed_rpm), usable)
+        if isfinite(now.command_force_kn + now.command_speed_rpm):
+            self._drives[0].push(now.command_force_kn, now.force_kn)
+            self._drives[1].push(now.command_speed_rpm, now.speed_rpm)
 
-    @property
-    def correlations_s(self) -> dict[str, float]:
-        """Times over which the noise of a sensor is correlated, as learnt at the begin of the weld; none if white."""
-        noises = (self._noises[name].noise for name in ("depth", "torque", "heat"))
-        return {name: one.correlation_s for name, one in zip(REQUIRED, noises, strict=True) if one.correlation_s}
-
-    def _learn_noise(self) -> None:
-        for one in self._noises.values():
-            one.learn()
-        noises = {name: one.noise for name, one in self._noises.items()}
-        heated_c = self._residuals.heated_c(noises["torque"])
-        self._model.noisy(noises, heated_c)
-        self._loops[0].noisy(noises["depth"], 0.0)
-        self._loops[1].noisy(noises["heat"], heated_c)
-
-    def _second(self, time_s: float) -> None:
-        since_s, calm_s = time_s - self._begun_s, time_s - self._points_s
-        turn, told = self._tick // round(1.0 / TICK_S), self._told
-        if since_s <= LEARN_S and turn % 5 == 0:
-            self._learn_noise()
-        self._model.second(since_s)
-        self._model.estimate()
-        told["model"] = self._model.figures()
-        for sensor in self._sensors:
-            told[f"sensor {sensor.name}"] = sensor.figures(since_s)
-        if turn % 2:  # what costs more, in turns
-            for drive in self._drives:
-                told[f"drive {drive.name}"] = drive.figures(calm_s)
-        else:
-            for innovation in self._innovations:
-                told[f"innovation {innovation.name}"] = innovation.figures(
-                    since_s, calm_s, self._noises[innovation.name].noise
-                )
-        if turn % 5 == 0:
-            normal = self._sensors[0].normal, self._sensors[2].normal
-            for loop, noise in zip(self._loops, normal, strict=True):
-                told[f"loop {loop.name}"] = loop.figures(calm_s, noise)
-        self.figures = {name: value for figures in told.values() for name, value in figures.items()}
-        for name, limit in self._limits.limits.items():
-            if name in self.figures or name in self._counts:
-                count = self._counts.setdefault(name, _Count())
-                count.look(self.figures.get(name, 0.0), limit, name in self.figures)
-        active = {name: count.active for name, count in self._counts.items()}
-        self.findings = []
-        if any(active.values()):
-            self.findings = diagnose(self._kept(active), self._limits, active, self._words())
-
-    def _kept(self, active: Mapping[str, bool]) -> dict[str, float]:
-        """The figures; one whose alarm is there and that is not known just now, as an alarm last showed it."""
-        self._shown |= self.figures
-        return {name: value for name, value in self._shown.items() if name in self.figures or active.get(name)}
-
-    def _words(self) -> Mapping[str, float]:
-        levels, gains = self._model.levels, self._model.gains
-        words = {
-            "torque": levels.get("torque", nan),
-            "heat": levels.get("heat", nan),
-            "depth": 60.0 * levels.get("depth", nan),
-            "ratio": self._model.torque_ratio,
-            "dead_time": gains["heat"].dead_time_s,
-            "nominal_dead_time": self._parameters.dead_time_s,
-            "period_depth": self._loops[0].period_s,
-            "period_temperature": self._loops[1].period_s,
-        }
-        for name, gain in gains.items():
-            words |= {f"{name}_gain": gain.gain, f"{name}_error": 2.0 * gain.error}
-        return words
+    def _second(self) -> None:
+        found = [one for sensor in self._sensors for one in sensor.second()]
+        found += self._detached.second(self._shown_c, self.process.residuals.gains().heated_c)
+        for drive in self._drives:
+            found += drive.second()
+        noises = np.array([sensor.noise for sensor in self._sensors])
+        self.process.second(self._time_s, noises, self.learning)
+        sick = any(one.of_sensor for one in found)
+        self.findings = found + ([] if self.learning else self.process.findings(sick))
+        self.seconds += 1
 
     @property
     def gains(self) -> dict[str, tuple[float, float]]:
-        """Gains relative to the model's that are excited enough to be known, each with its standard error."""
-        found = {name: (one.gain, one.error) for name, one in self._model.gains.items() if one.excited}
-        if isfinite(self._model.torque_ratio):
-            found["torque"] = self._model.torque_ratio, nan
-        return found
+        """Gains of this weld relative to the model's, each with its standard error; that of the heat where known."""
+        return self.process.gains()
+
+    @property
+    def disturbances(self) -> tuple[float, float, float]:
+        """Torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients explain."""
+        return self.process.healthy.disturbances

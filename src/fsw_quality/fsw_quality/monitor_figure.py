@@ -1,4 +1,4 @@
-"""Figure of a watched weld: the residuals against their limits, the other figures as shares of theirs, the alarms."""
+"""Figure of a watched weld: disturbances, likelihood of the likeliest fault, alarms."""
 
 from __future__ import annotations
 
@@ -7,47 +7,35 @@ from pathlib import Path
 import numpy as np
 
 from fsw_analysis.figure_style import sheet
-from fsw_quality.diagnosis import RESIDUALS, Limits
+from fsw_quality.monitor import ALARM, TREND
 from fsw_quality.monitor_run import Watched
 
-_UNITS = {"torque": "N·m", "depth": "µm/min", "heat": "°C"}
-#: other figures that are drawn: those nearest to their limits
-_MOST = 5
+_LABELS = "torque\n[N·m]", "force\n[kN]", "heat\n[°C]"
+_BLUE, _RED = "#0b62a4", "#d1495b"
 
 
-def draw(watched: Watched, limits: Limits, title: str, file: Path) -> None:
+def draw(watched: Watched, title: str, file: Path) -> None:
     """Write the figure as PNG."""
-    kinds = list(dict.fromkeys(one.finding.kind for one in watched.alarms))
-    heights = [1.0, 1.0, 1.0, 1.3, max(0.3 * len(kinds), 0.5)]
+    intervals = watched.alarms + [one for one in watched.others if one.finding.cause.of_process]
+    causes = list(dict.fromkeys(one.finding.cause for one in intervals))
     minutes = np.array(watched.time_s) / 60.0
-    with sheet(9.0, 7.5 + 0.25 * len(kinds), file) as figure:
+    with sheet(9.0, 7.5 + 0.25 * len(causes), file) as figure:
         figure.suptitle(title)
-        axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
-        for axis, (name, key) in zip(axes, RESIDUALS.items(), strict=False):
-            axis.plot(minutes, watched.series(key), color="#0b62a4")
-            if (limit := limits.limits.get(key)) is not None:
-                axis.axhline(limit, color="#d1495b", linestyle="--", linewidth=1.0)
-            axis.set_ylabel(f"{name}\n[{_UNITS[name]}]")
-        axes[0].set_title("residuals against those of the first 90 s; dashed: limit", fontsize=9.0, loc="left")
-        shares = {
-            name: value / limits.limits[name]
-            for name, value in watched.largest().items()
-            if name in limits.limits and name not in RESIDUALS.values()
-        }
-        for name in sorted(shares, key=lambda one: -shares[one])[:_MOST]:
-            axes[3].plot(minutes, watched.series(name) / limits.limits[name], label=name.replace("_", " "))
-        axes[3].axhline(1.0, color="#d1495b", linestyle="--", linewidth=1.0)
-        axes[3].set_ylim(0.0, min(max([1.2, *shares.values()]) * 1.05, 3.0))
-        axes[3].set_ylabel("share\nof limit")
-        axes[3].legend(fontsize=7.0, loc="upper left", ncol=_MOST, frameon=False)
-        for one in watched.alarms:
-            row = kinds.index(one.finding.kind)
-            width = (one.end_s - one.begin_s) / 60.0
-            axes[4].barh(row, width, left=one.begin_s / 60.0, height=0.6, color="#d1495b", alpha=one.finding.confidence)
-        axes[4].set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds], fontsize=8.0)
-        axes[4].set_ylim(max(len(kinds), 1) - 0.5, -0.5)
-        axes[4].set_title(
-            "alarms; the darker, the more certain is the cause" if kinds else "no alarm", fontsize=9.0, loc="left"
-        )
+        axes = figure.subplots(5, 1, sharex=True, height_ratios=[1.0, 1.0, 1.0, 1.3, max(0.3 * len(causes), 0.5)])
+        for axis, label, values in zip(axes, _LABELS, zip(*watched.disturbances, strict=True), strict=False):
+            axis.plot(minutes, values, color=_BLUE)
+            axis.set_ylabel(label)
+        axes[0].set_title("what neither the model nor its coefficients explain", fontsize=9.0, loc="left")
+        axes[3].plot(minutes, watched.likelihoods, color=_BLUE)
+        for level in (TREND, ALARM):
+            axes[3].axhline(level, color=_RED, linestyle="--", linewidth=1.0)
+        axes[3].set_ylabel("log likelihood\nratio")
+        axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.likelihoods), 5.0 * ALARM)))
+        for one in intervals:
+            width, alpha = (one.end_s - one.begin_s) / 60.0, 0.9 if one.finding.alarm else 0.3
+            axes[4].barh(causes.index(one.finding.cause), width, left=one.begin_s / 60.0, color=_RED, alpha=alpha)
+        axes[4].set_yticks(range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0)
+        axes[4].set_ylim(max(len(causes), 1) - 0.5, -0.5)
+        axes[4].set_title("alarms; pale: trends" if causes else "no alarm", fontsize=9.0, loc="left")
         axes[4].set_xlabel("time [min]")
         figure.align_ylabels()

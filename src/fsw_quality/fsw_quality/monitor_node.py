@@ -1,4 +1,4 @@
-"""The monitor as a node: watches the weld, tells causes and advice; it publishes no command and no set-point."""
+"""The monitor as a node: watches the weld, names causes and advice; it publishes no command and no set-point."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
-from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import SENT, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_model import ModelParameters
-from fsw_msgs.msg import WeldCommand, WeldHealth
-from fsw_quality.diagnosis import Finding, load_limits
+from fsw_msgs.msg import WeldCommand, WeldFinding, WeldHealth
+from fsw_quality.diagnosis import Finding, WatchCause
+from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import Monitor, Sample
 
 _LOOK_S, _REPORT_S = 0.1, 1.0
@@ -46,19 +46,17 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
         super().__init__("fsw_monitor", **arguments)
         self._settings = declare(self, "fsw_quality", "monitor.yaml")
         self._process, model = self._settings["process"], self._settings["model_file"]
-        self._limits = load_limits()[self._process].limits
-        self._monitor = Monitor(self._process, ModelParameters.from_file(model) if model else None)
+        parameters = ModelParameters.from_file(model) if model else None
+        self._monitor = Monitor(self._process, parameters, covariance_from(self._settings["covariance_file"]))
         self._ticks = WeldTicks(self, self._consume, _UNKNOWN, await_drives=True)
         self._applied = self._ticks.applied
-        self._references = reference_queue(self)
         self._sensors: list[Subscription] = []
         self._drives_s = float("-inf")
         self._newest_ns = 0
-        self._told: dict[str, Finding | None] = {}
+        self._shown: dict[WatchCause, Finding | None] = {}  # once present; None: no longer
         self._longest_step_s = 0.0
         self._health = self.create_publisher(WeldHealth, "fsw/monitor/health", SENT)
         self._diagnostics = DiagnosticsPublisher(self)
-        subscribe_references(self, self._references)
         self.create_subscription(WeldCommand, "fsw/command", self._ticks.on_command, STREAM)
         subscribe_drives(self, self._on_drives)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -86,9 +84,8 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
                 self._applied.restart()
                 self._monitor.restart()
             command = self._applied.before(tick.stamp_ns)
-            reference, drives, values = self._references.at(tick.stamp_ns), tick.drives or _UNKNOWN, tick.values
-            points = (nan, nan) if reference is None else (reference.depth_mm, reference.temperature_c)
-            began_s, before = time.perf_counter(), self._monitor.figures
+            drives, values = tick.drives or _UNKNOWN, tick.values
+            began_s, before = time.perf_counter(), self._monitor.seconds
             self._monitor.step(
                 Sample(
                     tick.stamp_ns * 1e-9,
@@ -97,68 +94,66 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
                     values.get("thermocouple", nan),
                     *drives,
                     *command,
-                    *points,
-                    self._applied.latest.source,
                 )
             )
             self._longest_step_s = max(self._longest_step_s, time.perf_counter() - began_s)
             self._newest_ns = tick.stamp_ns
-            if self._monitor.figures is not before:
-                self._tell()
+            if self._monitor.seconds != before:
+                self._publish()
 
     # ---------------------------------------------------------------- reports
 
-    def _tell(self) -> None:
-        """Publish what is new; a change of what is told also as diagnostics, which otherwise come once a second."""
-        monitor, findings = self._monitor, self._monitor.findings
-        names, gains = list(monitor.figures), monitor.gains
+    def _publish(self) -> None:
+        """Publish what was found; new alarms also as diagnostics, which otherwise come once a second."""
+        monitor, gains = self._monitor, self._monitor.gains
+        torque_nm, force_kn, temperature_c = monitor.disturbances
         self._health.publish(
             WeldHealth(
                 header=convert.header(self._newest_ns),
                 process=self._process,
                 learning=monitor.learning,
-                kinds=[one.kind for one in findings],
-                causes=[one.cause for one in findings],
-                advice=[one.advice for one in findings],
-                confidences=[one.confidence for one in findings],
-                figure_names=names,
-                figures=[monitor.figures[name] for name in names],
-                limits=[self._limits.get(name, nan) for name in names],
+                findings=[_message(one) for one in monitor.findings],
                 gain_names=list(gains),
                 gains=[gain for gain, _ in gains.values()],
                 gain_errors=[error for _, error in gains.values()],
+                torque=torque_nm,
+                force=1e3 * force_kn,
+                temperature=temperature_c,
             )
         )
-        now: dict[str, Finding | None] = {one.kind: one for one in findings}
-        changed = now.keys() != {kind for kind, one in self._told.items() if one is not None}
-        self._told = dict.fromkeys(self._told) | now
+        now: dict[WatchCause, Finding | None] = {one.cause: one for one in monitor.findings if one.alarm}
+        changed = now.keys() != {cause for cause, one in self._shown.items() if one is not None}
+        self._shown = dict.fromkeys(self._shown) | now
         if changed:
             self._report()
 
     def _report(self) -> None:
-        watched = bool(self._sensors) and self._monitor.figures != {}
+        watched = bool(self._sensors) and self._monitor.seconds > 0
         text = "watching" if watched else "nothing to watch: no measurements of a weld"
         if watched and self._monitor.learning:
-            text = "learning the weld's own normal values"
-        values: dict[str, object] = {
-            "figures": len(self._monitor.figures),
-            "alarms": len(self._monitor.findings),
-            "longest step [ms]": f"{1e3 * self._longest_step_s:.3f}",
-        }
-        for name, time_s in self._monitor.correlations_s.items():
-            values[f"noise of {name} correlated over [s]"] = f"{time_s:.1f}"
+            text = "learning the disturbances of this weld"
+        trends = "; ".join(one.text for one in self._monitor.findings if not one.alarm)
+        values = {"longest step [ms]": f"{1e3 * self._longest_step_s:.3f}", "trends": trends or "none"}
         lines = [Report("watch", OK, text, values)]
-        for kind, one in self._told.items():
+        for cause, one in self._shown.items():
             if one is None or not watched:
-                lines.append(Report(kind, OK, "no warning", {}))
+                lines.append(Report(cause.word, OK, "no warning", {}))
                 continue
-            said = {
-                "advice": one.advice,
-                "confidence in this cause": f"{one.confidence:.0%}",
-                one.figure: f"{one.value:.4g}",
-            }
-            lines.append(Report(kind, WARN, one.cause, said | {"limit": f"{one.limit:.4g}"}))
+            likelihood = {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
+            lines.append(Report(cause.word, WARN, one.text, {"advice": one.advice, **likelihood}))
         self._diagnostics.publish(lines)
+
+
+def _message(finding: Finding) -> WeldFinding:
+    size, error = finding.si
+    return WeldFinding(
+        cause=int(finding.cause),
+        alarm=finding.alarm,
+        size=size,
+        error=error,
+        log_likelihood=finding.log_likelihood,
+        others=[int(one) for one in finding.others],
+    )
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The watch over a recorded weld: the same monitor, tick by tick, and the time line of what it told."""
+"""The watch over a recorded weld: the same monitor, tick by tick, and the time line of what it found."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_control.weld import TICK_S
-from fsw_quality.diagnosis import Finding
+from fsw_quality.diagnosis import Finding, WatchCause
 from fsw_quality.monitor import Monitor, Sample
+from fsw_quality.sensor_health import LEARN_S
 from fsw_recorder.errors import BagError
 from fsw_schema.yaml_text import load_yaml
 
@@ -19,8 +19,8 @@ _PROGRESS_TICKS = 500
 
 
 @dataclass(slots=True)
-class Told:
-    """An alarm from its begin to its end, as it was when it was surest."""
+class Interval:
+    """A finding from its begin to its end, as it was when it was surest."""
 
     begin_s: float
     end_s: float
@@ -29,25 +29,23 @@ class Told:
 
 @dataclass(slots=True)
 class Watched:
-    """What a monitor told of a weld."""
+    """What a monitor found in a weld."""
 
-    alarms: list[Told] = field(default_factory=list)
-    time_s: list[float] = field(default_factory=list)  #: of the figures, once a second
-    figures: list[dict[str, float]] = field(default_factory=list)
-    gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: surest of each, with standard error
-    correlations_s: dict[str, float] = field(default_factory=dict)  #: of each sensor's noise that is not white
+    alarms: list[Interval] = field(default_factory=list)
+    others: list[Interval] = field(default_factory=list)  #: trends, and what else is no alarm
+    time_s: list[float] = field(default_factory=list)  #: of what follows, once a second
+    #: torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients explain
+    disturbances: list[tuple[float, float, float]] = field(default_factory=list)
+    likelihoods: list[float] = field(default_factory=list)  #: log likelihood ratio of the likeliest fault, 0 if none is
+    gains: dict[str, tuple[float, float]] = field(default_factory=dict)  #: at the end, with standard errors
 
-    def largest(self) -> dict[str, float]:
-        """Largest value of each figure."""
-        found: dict[str, float] = {}
-        for figures in self.figures:
-            for name, value in figures.items():
-                found[name] = max(value, found.get(name, value))
-        return found
-
-    def series(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """A figure over ``time_s``; NaN where it was not known."""
-        return np.array([one.get(name, np.nan) for one in self.figures])
+    def drifts(self, learnt_s: float = LEARN_S) -> tuple[float, float, float]:
+        """Largest changes of the disturbances after those of the begin were learnt; NaN in a shorter weld."""
+        late = np.array(self.disturbances)[np.array(self.time_s) > self.time_s[0] + learnt_s]
+        if not late.size:
+            return (np.nan,) * 3
+        torque, force, heat = np.abs(late - late[0]).max(axis=0).tolist()
+        return torque, force, heat
 
 
 def process_of(signals: WeldSignals) -> str:
@@ -75,9 +73,6 @@ def samples(signals: WeldSignals) -> Iterator[Sample]:
         *acting,
         command_force,
         command_speed,
-        signals.reference_depth_mm,
-        signals.reference_temperature_c,
-        signals.command_source,
     )
     for row in zip(*(one.tolist() for one in columns), strict=True):
         yield Sample(*row)
@@ -91,36 +86,33 @@ def watch(monitor: Monitor, signals: WeldSignals, progress: Callable[[float], No
     fsw_recorder.errors.BagError
         There is no weld: not one second with all that is watched.
     """
-    found, present = Watched(), dict[str, Told]()
-    shown = monitor.figures
+    found, present = Watched(), dict[tuple[WatchCause, bool], Interval]()
+    seconds = monitor.seconds
     for tick, sample in enumerate(samples(signals)):
         monitor.step(sample)
-        if monitor.figures is not shown:
-            shown = monitor.figures
+        if monitor.seconds != seconds:
+            seconds = monitor.seconds
             _note(found, present, monitor, sample.time_s)
         if progress is not None and tick % _PROGRESS_TICKS == 0:
             progress(tick / signals.n_ticks)
     if not found.time_s:
         lacking = "no second with depth, torque, temperature, force and speed to watch"
         raise BagError(f"{signals.path}: no weld in it: {lacking}")
+    found.gains = monitor.gains
     return found
 
 
-def _note(found: Watched, present: dict[str, Told], monitor: Monitor, time_s: float) -> None:
+def _note(found: Watched, present: dict[tuple[WatchCause, bool], Interval], monitor: Monitor, time_s: float) -> None:
     found.time_s.append(time_s)
-    found.correlations_s = monitor.correlations_s
-    found.figures.append(monitor.figures)
-    now = {one.kind: one for one in monitor.findings}
-    for kind in [kind for kind in present if kind not in now]:
-        del present[kind]
-    for kind, one in now.items():
-        if kind not in present:
-            present[kind] = Told(time_s, time_s, one)
-            found.alarms.append(present[kind])
-        present[kind].end_s = time_s + 10 * TICK_S
-        if one.confidence > present[kind].finding.confidence:
-            present[kind].finding = one
-    blamed = any(one.of_sensor for one in monitor.findings)
-    for name, (gain, error) in ({} if blamed else monitor.gains).items():
-        if name not in found.gains or not error > found.gains[name][1]:
-            found.gains[name] = gain, error
+    found.disturbances.append(monitor.disturbances)
+    found.likelihoods.append(max((one.log_likelihood for one in monitor.findings if one.cause.of_process), default=0.0))
+    now = {(one.cause, one.alarm): one for one in monitor.findings}
+    for key in [key for key in present if key not in now]:
+        del present[key]
+    for key, one in now.items():
+        if key not in present:
+            present[key] = Interval(time_s, time_s, one)
+            (found.alarms if one.alarm else found.others).append(present[key])
+        present[key].end_s = time_s + 1.0
+        if not one.log_likelihood < present[key].finding.log_likelihood:
+            present[key].finding = one

@@ -1,4 +1,4 @@
-"""The monitor as a node: it joins the topics of a weld, and tells what it finds as a topic and as diagnostics."""
+"""The monitor as a node: it joins the topics of a weld, and publishes what it finds as a topic and as diagnostics."""
 
 import math
 
@@ -8,18 +8,17 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Command, Reference
-from fsw_control.topics_ros import LATCHED, STREAM, sensor_publishers
+from fsw_control.contract import Command
+from fsw_control.topics_ros import STREAM, sensor_publishers
 from fsw_control.weld import TICK_NS
-from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldHealth, WeldReference
+from fsw_msgs.msg import DriveFeedback, WeldCommand, WeldFinding, WeldHealth
 from fsw_quality.monitor_node import MonitorNode
 from fsw_test_support.ros_graph import Spinner, domain_id  # noqa: F401
 from fsw_test_support.watched_weld import samples
 
 pytestmark = pytest.mark.slow
-#: far too much torque, which is told as soon as it lasted for seconds
-WELD = samples(30.0, excited=False, sliding_friction=1.5)
-TOLD = "fsw_monitor: gain_torque"
+WELD = samples(60.0, excited=False)
+STUCK = "fsw_monitor: torque_stuck"
 
 
 class Graph(Spinner):
@@ -36,12 +35,10 @@ class Graph(Spinner):
         node.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, STREAM)
         self.drives = node.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self.commands = node.create_publisher(WeldCommand, "fsw/command", STREAM)
-        self.references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self.sensors = sensor_publishers(node)
         for one in (self.monitor, node):
             self.executor.add_node(one)
         self.until(lambda: self.drives.get_subscription_count() and self.commands.get_subscription_count())
-        self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
 
     def spin(self):
         self.executor.spin_once(timeout_sec=0.001)
@@ -83,21 +80,20 @@ def graph(domain_id):  # noqa: F811
     one.context.try_shutdown()
 
 
-def test_it_waits_for_a_weld_then_tells_cause_and_advice_and_when_they_are_over(graph):
+def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_over(graph):
     graph.until(lambda: "nothing to watch" in getattr(graph.parts.get("fsw_monitor: watch"), "message", ""))
-    graph.weld_until(lambda: graph.health and "gain_torque" in graph.health[-1].kinds)
-    told = graph.health[-1]
-    row = list(told.kinds).index("gain_torque")
-    assert "Torque is 1" in told.causes[row] and told.advice[row] and 0.5 < told.confidences[row] <= 1.0
-    assert told.process == "paper" and told.learning
-    figures = dict(zip(told.figure_names, zip(told.figures, told.limits, strict=True), strict=True))
-    value, limit = figures["gain_torque"]
-    assert value > limit and all(math.isfinite(one) for one in told.figures)
-    graph.until(lambda: graph.level(TOLD) == DiagnosticStatus.WARN)
-    values = {pair.key: pair.value for pair in graph.parts[TOLD].values}
-    assert values["advice"] == told.advice[row]
-    # the torque is what the model says: no longer told
-    graph.weld_until(lambda: graph.level(TOLD) == DiagnosticStatus.OK, torque_nm=1052.9)
+    graph.weld_until(
+        lambda: graph.health and WeldFinding.TORQUE_STUCK in [one.cause for one in graph.health[-1].findings],
+        torque_nm=1052.9,
+    )
+    found = graph.health[-1]
+    (finding,) = found.findings
+    assert finding.alarm and finding.size >= 1.0 and math.isnan(finding.log_likelihood)
+    assert found.process == "paper" and found.learning
+    assert set(found.gain_names) == {"torque", "depth", "heat"} and all(map(math.isfinite, found.gains))
+    graph.until(lambda: graph.level(STUCK) == DiagnosticStatus.WARN)
+    assert {pair.key: pair.value for pair in graph.parts[STUCK].values}["advice"]
+    graph.weld_until(lambda: graph.level(STUCK) == DiagnosticStatus.OK)
 
 
 def test_samples_that_are_no_numbers_are_no_weld(graph):

@@ -46,7 +46,7 @@ def samples(seconds: float = 300.0, excited: bool = True, correlation_s: float =
     temperature = shown["temperature_c"] + 0.1 * noise(random, n, correlation_s)
     columns = (depth, torque, temperature, acting, turning, acting, turning)
     rows = zip(*(one.tolist() for one in columns), strict=True)
-    return [Sample(*(0.1 * (k + 1), *row, 2.66, 816.4, "decentral")) for k, row in enumerate(rows)]
+    return [Sample(0.1 * (k + 1), *row) for k, row in enumerate(rows)]
 
 
 def drifting(weld: list[Sample], name: str, per_s: float, from_s: float = 120.0) -> Iterator[Sample]:

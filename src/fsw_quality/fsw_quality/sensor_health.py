@@ -1,0 +1,148 @@
+"""Health of a sensor, judged by its own samples alone and before anything is concluded from them."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import ceil, isfinite, log, nan, pi, sqrt
+
+import numpy as np
+
+from fsw_control.weld import TICK_S
+from fsw_quality.diagnosis import Finding, WatchCause
+
+_SECOND = round(1.0 / TICK_S)
+#: noise and resolution that a sensor is taken to have until its own are known (chosen: those of the emulator)
+NOMINAL = {"depth": (0.002, 1e-4), "torque": (2.0, 0.1), "thermocouple": (0.1, 0.01)}
+#: probability with which a healthy sensor repeats its value as often as a stuck one; fewest repetitions (chosen)
+_BY_CHANCE, _FEWEST = 1e-9, 10
+#: weight of a new sample in running means (chosen)
+_FOLLOW = 0.01
+#: jump from a sample to the next that is no process, in mean changes; spikes in half a minute that are a fault (chosen)
+_JUMP, _SPIKES, _SPIKES_S = 12.0, 3, 30.0
+#: time over which noise is estimated, time in which its normal size is learnt [s], and ratios that are faults (chosen)
+_NOISE_S, LEARN_S, _GROWN, _GONE = 20, 90.0, 2.0, 0.5
+#: a sensor that was at fault is trusted again after this time [s] (chosen)
+_TRUSTED_S = 3.0
+#: fall of the temperature in so many seconds that no process makes while the power stays [degC] (chosen)
+_FALL_S, _FALL_C = 5, 20.0
+
+
+class SensorHealth:
+    """Stuck, spikes, noise. Nothing clears it but another weld: a failover is often what a stuck sensor causes."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._sigma, self._resolution = NOMINAL[name]
+        self._repeats = self._resolution / (2.0 * sqrt(pi) * self._sigma)  # share of samples like the one before
+        self._last = self._before = self._carried = self._carried_before = nan
+        self._run, self._doubtful = 0, False
+        self._change = 2.0 * self._sigma
+        self._spikes: deque[float] = deque()
+        self._second_changes: deque[float] = deque(maxlen=_NOISE_S * _SECOND)
+        self._learnt: list[float] = []
+        self._normal = self.noise = self._sigma  # the second is the present one, which grows at once
+        self._time_s, self._begun_s, self._sick_s = nan, nan, -np.inf
+
+    def _cause(self, what: str) -> WatchCause:
+        return WatchCause[f"{self.name.upper()}_{what}"]
+
+    @property
+    def _allowed(self) -> int:
+        """Repetitions that may be chance."""
+        return max(_FEWEST, ceil(log(_BY_CHANCE) / log(min(max(self._repeats, 1e-4), 0.99))))
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the same value has come again and again."""
+        return self._run >= self._allowed
+
+    def push(self, time_s: float, value: float, carrier: float) -> bool:
+        """Take a sample, and the same without what the process does to it; returns whether it may be used."""
+        if not isfinite(value):
+            return False
+        if not isfinite(self._begun_s):
+            self._begun_s = time_s
+        self._time_s = time_s
+        change, self._before, self._last = value - self._last, self._last, value
+        if abs(change) < 1e-3 * self._resolution:
+            self._run += 1
+        elif isfinite(change):
+            if not self.stuck:  # a stuck sensor's silence is not learnt as normal
+                weight = min(_FOLLOW * (self._run + 1), 0.5)
+                self._repeats += weight * (self._run / (self._run + 1) - self._repeats)
+            self._run = 0
+        usable = not self.stuck and self._no_spike(time_s, change)
+        if usable:
+            second = carrier - 2.0 * self._carried + self._carried_before
+            if isfinite(second) and self._run < 2 * _SECOND:
+                self._second_changes.append(abs(second))
+        self._carried_before, self._carried = self._carried, carrier
+        if self.stuck:
+            self._sick_s = time_s
+        return usable and time_s - self._sick_s > _TRUSTED_S
+
+    def _no_spike(self, time_s: float, change: float) -> bool:
+        if not isfinite(change):
+            return True
+        if abs(change) > _JUMP * self._change and not self._doubtful:
+            self._doubtful, self._jump = True, change
+            return False
+        if self._doubtful:
+            self._doubtful = False
+            if abs(change + self._jump) < 0.5 * abs(self._jump):  # back where it was
+                self._spikes.append(time_s)
+        else:
+            self._change += _FOLLOW * (abs(change) - self._change)
+        return True
+
+    def second(self) -> list[Finding]:
+        """Findings at a second."""
+        if self.stuck:
+            return [Finding(self._cause("STUCK"), size=TICK_S * self._run)]
+        found = []
+        while self._spikes and self._time_s - self._spikes[0] > _SPIKES_S:
+            self._spikes.popleft()
+        if len(self._spikes) >= _SPIKES:
+            found.append(Finding(self._cause("SPIKES"), size=float(len(self._spikes))))
+        changes = np.array(self._second_changes)
+        if changes.size >= 2 * _SECOND:
+            noise, newest = (1.4826 * float(np.median(some)) / sqrt(6.0) for some in (changes, changes[-2 * _SECOND :]))
+            self.noise = max(noise, newest)
+        if changes.size == self._second_changes.maxlen:
+            if self._time_s - self._begun_s <= LEARN_S:
+                self._learnt.append(noise)
+                self._normal = float(np.median(self._learnt))
+            elif self._learnt and self._normal > 0.3 * self._resolution:
+                ratio = noise / self._normal
+                if ratio > _GROWN:
+                    found.append(Finding(self._cause("NOISE_GROWN"), size=ratio))
+                elif ratio < _GONE:
+                    self._sick_s = self._time_s
+                    found.append(Finding(self._cause("NOISE_GONE"), size=ratio))
+        return found
+
+
+class Detached:
+    """Whether the thermocouple has lost its contact: the temperature falls, and the power does not."""
+
+    def __init__(self) -> None:
+        self._shown: deque[tuple[float, float]] = deque(maxlen=_FALL_S + 1)
+        self._before_c = nan
+
+    @property
+    def present(self) -> bool:
+        """Whether it is so now."""
+        return isfinite(self._before_c)
+
+    def second(self, temperature_c: float, heated_c: float) -> list[Finding]:
+        """Take the temperature of a second, and what the model's would be."""
+        self._shown.append((temperature_c, heated_c))
+        fell, cooled = (self._shown[-1][i] - self._shown[0][i] for i in range(2))
+        if fell < -_FALL_C and cooled > 0.4 * fell and not self.present:
+            self._before_c = self._shown[0][0]
+        if not self.present:
+            return []
+        if temperature_c > self._before_c - 0.5 * _FALL_C:
+            self._before_c = nan
+            return []
+        return [Finding(WatchCause.THERMOCOUPLE_DETACHED, size=self._before_c - temperature_c)]
