@@ -171,7 +171,7 @@ def test_package_xml_says_what_is_imported(package: Path) -> None:
     said = declared(package, *_TAGS)
     started = {
         "fsw_bringup": said,
-        "fsw_control": {row.message.partition("/")[0] for row in SENSORS.values()},
+        "fsw_control": {row.message_type.partition("/")[0] for row in SENSORS.values()},
         "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
     }
     assert needed - said == set()

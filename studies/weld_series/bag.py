@@ -29,7 +29,7 @@ from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 
 TOPICS = {
-    **{SENSOR_TOPICS[name]: SENSORS[name].message for name in REQUIRED},
+    **{SENSOR_TOPICS[name]: SENSORS[name].message_type for name in REQUIRED},
     "/fsw/drives": "fsw_msgs/msg/DriveFeedback",
     "/fsw/plant/truth": "fsw_msgs/msg/PlantState",
     "/fsw/reference": "fsw_msgs/msg/WeldReference",

@@ -80,7 +80,7 @@ def header(time_ns: int) -> Header:
 @cache
 def message_type(sensor: str) -> Any:
     """Type of a sensor's messages."""
-    package, _, name = SENSORS[sensor].message.split("/")
+    package, _, name = SENSORS[sensor].message_type.split("/")
     return getattr(import_module(f"{package}.msg"), name)
 
 

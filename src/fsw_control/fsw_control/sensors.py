@@ -51,7 +51,7 @@ class Sensor:
     title: str  #: for people, within a sentence
     quantity: Quantity
     topic: str  #: relative to the weld's namespace
-    message: str  #: its type; the value is in the field with the quantity's name
+    message_type: str  #: as `package/Name`; the value is in the field with the quantity's name
     #: smallest and largest plausible sample, and fastest plausible change (per second)
     minimum: float
     maximum: float

@@ -106,7 +106,9 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
         assert (tick >= 19, what) == (True, ["depth", 0.1e-3])  # what is asked for begins with the next tick
         assert caller.weld is None
         caller.until(lambda: caller.peer.count_publishers("fsw/reference") == 1, "its publishers' end")
-        caller.until(lambda: not any(one.get_subscription_count() for one in caller.sensors), "its subscriptions' end")
+        caller.until(
+            lambda: not any(one.get_subscription_count() for one in caller.sensors.values()), "its subscriptions' end"
+        )
     assert caller.feedback[-1].progress.state == "done"
     assert caller.feedback[0].progress.time_left == pytest.approx(2.0)
 
