@@ -35,6 +35,7 @@ from random_faults_graph import EMULATOR, MACHINE, FaultyGraph
 from report import Figures, parser, save, show
 
 from fsw.progress import ProgressBar
+from fsw_analysis.markdown import table
 from fsw_control.free_domain import free_domain
 
 #: a trial without recovery by then has failed [s]
@@ -109,26 +110,29 @@ def run(parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Calla
     return rows, {**moved, "unclean_ends": [name for name, code in codes.items() if code], **graph.bags()}
 
 
-def table(rows: list[Row]) -> str:
+def fault_table(rows: list[Row]) -> str:
     """One line per kind of fault and part, as Markdown."""
-    lines = [
-        "| fault | trials | recovered | recovery, median and largest [s] | ticks without command, median and largest "
-        "| longest time without a tick [s] | largest distance of a command from the actual values [moves] "
-        "| largest change of the actual values [moves] | safe stops |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    columns = (
+        *("fault", "trials", "recovered", "recovery, median and largest [s]"),
+        *("ticks without command, median and largest", "longest time without a tick [s]"),
+        *(
+            "largest distance of a command from the actual values [moves]",
+            "largest change of the actual values [moves]",
+        ),
+        "safe stops",
+    )
+    cells: list[tuple[object, ...]] = [columns]
     for fault in sorted({row["fault"] for row in rows}):
         some = [row for row in rows if row["fault"] == fault]
         times = sorted(row["recovery_s"] for row in some if row["recovered"])
         lost = sorted(row["ticks_without_command"] for row in some)
-        moves = [max(row[key] for row in some) for key in ("command_moves", "acting_moves")]
         recovery = f"{times[len(times) // 2]:.1f}, {times[-1]:.1f}" if times else "–"
-        lines.append(
-            f"| {fault} | {len(some)} | {len(times)} | {recovery} | {lost[len(lost) // 2]}, {lost[-1]} "
-            f"| {max(row['longest_gap_s'] for row in some):.1f} | {moves[0]:.2f} "
-            f"| {moves[1]:.2f} | {sum(row['safe_stops'] for row in some)} |"
-        )
-    return "\n".join(lines)
+        gap_s = max(row["longest_gap_s"] for row in some)
+        moves = [f"{max(row[key] for row in some):.2f}" for key in ("command_moves", "acting_moves")]
+        ticks = f"{lost[len(lost) // 2]}, {lost[-1]}"
+        safe_stops = sum(row["safe_stops"] for row in some)
+        cells.append((fault, len(some), len(times), recovery, ticks, f"{gap_s:.1f}", *moves, safe_stops))
+    return table(cells)
 
 
 def result(results: dict[str, tuple[list[Row], Row]], figures: Figures) -> str:
@@ -142,7 +146,7 @@ def result(results: dict[str, tuple[list[Row], Row]], figures: Figures) -> str:
         total += f"command {numbers['ticks_without_command']}. Bags: {bags['bags']}, readable {bags['bags_readable']}."
         if "largest_move_taken" in bags:
             total += f" Largest move of the set-points that the machine accepted: {bags['largest_move_taken']:.2f}."
-        lines += [f"## {TITLES[name]}", "", total, "", table(rows), ""]
+        lines += [f"## {TITLES[name]}", "", total, "", fault_table(rows), ""]
     return "\n".join(lines)
 
 

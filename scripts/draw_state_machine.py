@@ -12,6 +12,7 @@ if __name__ == "__main__":
 
     ensure()
 
+from fsw_analysis.markdown import table
 from fsw_supervisor.state_machine import TRANSITIONS, Mode
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "concepts" / "arbiter.md"
@@ -71,10 +72,8 @@ def svg_diagram() -> str:
 
 def transition_table() -> str:
     """The transitions as a markdown table: trigger, meaning, from, to."""
-    lines = ["| trigger | when | from | to |", "|---|---|---|---|"]
-    rows = by_trigger()
-    lines += [f"| `{name}` | {why} | {', '.join(sources)} | {to} |" for (name, why, to), sources in rows.items()]
-    return "\n".join(lines)
+    rows = [(f"`{name}`", why, ", ".join(sources), to) for (name, why, to), sources in by_trigger().items()]
+    return table([("trigger", "when", "from", "to"), *rows], words=None)
 
 
 def document_block() -> str:

@@ -38,6 +38,7 @@ ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "canister", "mutat
 
 import yaml  # noqa: E402
 
+from fsw_analysis.markdown import table  # noqa: E402
 from fsw_control.c_library import compiler  # noqa: E402
 
 MUTANTS = WORKSPACE / "test" / "mutants.yaml"
@@ -236,18 +237,19 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
         "Some changes make no difference in practice, for example at exactly the number at which `<` and `<=` differ.",
         "These are tolerated, each for a stated reason, but still count as not noticed.",
         "",
-        "| module | changes | not tried | noticed | tolerated | survived | noticed of those tried [%] |",
-        "|---|---:|---:|---:|---:|---:|---:|",
     ]
+    columns = ("changes", "not tried", "noticed", "tolerated", "survived", "noticed of those tried [%]")
+    rows: list[tuple[object, ...]] = [("module", *columns)]
     for module in [*dict.fromkeys(one.module for one in mutants), ""]:
         here = [one for one in mutants if not module or one.module == module]
         tried = sum(one.verdict != _NOT_TRIED for one in here)
         kinds = Counter("tolerated" if why else "survived" for one, why in left if not module or one.module == module)
         noticed = tried - kinds.total()
         share = f"{100.0 * noticed / tried:.1f}" if tried else ""
-        counts = f"{len(here)} | {len(here) - tried} | {noticed} | {kinds['tolerated']} | {kinds['survived']} | {share}"
-        lines.append(f"| {f'`{module}`' if module else 'all'} | {counts} |")
+        counts = (len(here), len(here) - tried, noticed, kinds["tolerated"], kinds["survived"])
+        rows.append((f"`{module}`" if module else "all", *counts, share))
     lines += [
+        table(rows),
         "",
         "All changes that were not noticed, with the reason where one is tolerated: [mutants.csv](mutants.csv).",
     ]

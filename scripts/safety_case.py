@@ -5,7 +5,7 @@ usage: safety_case.py --publish [pytest arguments]
 
 ``--publish`` runs the tests that are marked with a requirement, one after another, and writes the outcome with the
 commit into docs/results/safety_tests.json; arguments choose among them, e.g. ``-m "requirement and not real_time"``.
-Then run ``scripts/build_docs.py``, which writes the pages. It fails on a tree with changes that are not committed.
+Then run ``scripts/build_docs.py``, which writes the tables. It fails on a tree with changes that are not committed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__":
+    if sys.argv[1:2] != ["--publish"]:
+        sys.exit(__doc__)
+    from _bootstrap import NEWER_TEST_EXTRAS, TEST_EXTRAS, ensure
+
+    ensure(dev=True, extras=(*TEST_EXTRAS, *NEWER_TEST_EXTRAS))
+
+from fsw_analysis import markdown
+
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGE = WORKSPACE / "docs" / "concepts" / "safety.md"
 REQUIREMENTS = PAGE.with_suffix(".yaml")
-TABLE = PAGE.with_name("safety-requirements.md")
 RESULTS = WORKSPACE / "docs" / "results" / "safety_tests.json"
 REACTIONS = RESULTS.with_name("reaction_times.json")
 #: values beyond it are not those of a weld: the model has left the range in which it holds
@@ -88,14 +96,14 @@ def table(
     requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], results: Mapping[str, Any]
 ) -> str:
     """Requirements, their tests and the last outcome as Markdown."""
-    lines = [HEAD, *_last_run(results), "", "| | requirement | tests | last run |", "|---|---|---|---|"]
+    rows = [("", "requirement", "tests", "last run")]
     for one, text in requirements.items():
         files: dict[str, list[str]] = {}
         for path, name in sorted(tests.get(one, [])):
             files.setdefault(path.name, []).append(f"`{name}`")
         shown = "<br>".join(f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items())
-        lines.append(f"| {one} | {' '.join(text.split())} | {shown} | {outcome(results, one)} |")
-    return "\n".join([*lines, ""])
+        rows.append((one, " ".join(text.split()), shown, outcome(results, one)))
+    return "\n".join([HEAD, *_last_run(results), "", markdown.table(rows, words=None), ""])
 
 
 def outcome(results: Mapping[str, Any], requirement: str) -> str:
@@ -143,16 +151,15 @@ def with_tables(
 
 def reaction_table(reactions: Mapping[str, Any]) -> str:
     """Measured times as Markdown."""
-    lines = ["| hazard | fault | limit | reaction | by | process safety time | peak with / without reaction |"]
-    lines.append("|---|---|---|---:|---|---:|---:|")
+    columns = ("reaction", "process safety time", "peak with / without reaction")
+    cells = [("hazard", "fault", "limit", "by", *columns)]
     for row in reactions["rows"]:
         limit = row["limit"].split(" ", 1)
         times = [f"{row[key]:g} s" if row[key] is not None else "–" for key in ("reaction_s", "process_safety_s")]
         by = row["by"] or "**no reaction**"
         peaks = " / ".join(_peak(row[f"worst_{key}_reaction"], row["unit"]) for key in ("with", "without"))
-        cells = [row["hazard"], row["fault"], limit[1], times[0], by, times[1], peaks]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines, "", _coverage(reactions["rows"])])
+        cells.append((row["hazard"], row["fault"], limit[1], by, *times, peaks))
+    return "\n".join([markdown.table(cells, words=4), "", _coverage(reactions["rows"])])
 
 
 def _coverage(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -228,10 +235,4 @@ def publish(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] != ["--publish"]:
-        sys.exit(__doc__)
-    sys.path.insert(0, str(Path(__file__).parent))
-    from _bootstrap import NEWER_TEST_EXTRAS, TEST_EXTRAS, ensure
-
-    ensure(dev=True, extras=(*TEST_EXTRAS, *NEWER_TEST_EXTRAS))
     sys.exit(publish(sys.argv[2:]))

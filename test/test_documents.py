@@ -38,18 +38,20 @@ PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts
 FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
 
 
+def commands_of(text: str) -> list[str]:
+    """Commands in a page that call one of the project's programs, without those shortened by ``…``."""
+    text = text.replace("\\\n", " ")
+    blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+    lines = (line.removeprefix("$ ") for line in [*"\n".join(blocks).splitlines(), *inline])
+    return [line for line in lines if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line)]
+
+
 def commands() -> list[tuple[str, str]]:
-    """Page and text of each command that calls one of the project's programs, without those shortened by ``…``."""
-    found = []
-    for page in PAGES:
-        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-        inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
-        for line in [*"\n".join(blocks).splitlines(), *inline]:
-            line = line.removeprefix("$ ")
-            if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line):
-                found.append((str(page.relative_to(WORKSPACE)), line))
-    return sorted(set(found))
+    """Page and text of each command on the committed pages."""
+    return sorted(
+        {(str(page.relative_to(WORKSPACE)), line) for page in PAGES for line in commands_of(page.read_text("utf-8"))}
+    )
 
 
 @cache
@@ -64,7 +66,7 @@ def parameters() -> set[str]:
 
 def refusal(text: str) -> str | None:
     """Why a command cannot run as it is written, without running it; None if it can."""
-    words = shlex.split(text.replace("[", "").replace("]", ""), comments=True)
+    words = shlex.split(text.partition(" > ")[0].replace("[", "").replace("]", ""), comments=True)
     if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
         if words[0] == "python3":
             return None if words[2] in sys.stdlib_module_names else "python3 has none of the project's modules"
@@ -233,14 +235,63 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 
-#: words of pages that may be longer than others: all that a safety engineer asks for is on one page; generated tables
-_LONGEST = {"safety": 2000, "safety-requirements": 2000, "parameters-supervisor-groups": 2500}
+#: words of a page; all that a safety engineer asks for is on one page, and long tables are not split
+_MOST_WORDS = 1400
+_LONGER = {"safety": 2000, "parameters-supervisor-groups": 2500, "nmpc-adaptive": 1500}
+
+
+def words_in(text: str) -> int:
+    return sum(any(map(str.isalnum, word)) for word in text.split())  # no bars of tables
 
 
 @pytest.mark.parametrize("page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem)
 def test_no_page_is_too_long_to_be_read(page: Path) -> None:
-    words = sum(any(map(str.isalnum, word)) for word in page.read_text(encoding="utf-8").split())  # no bars of tables
-    assert words <= _LONGEST.get(page.stem, 1500), f"{page.relative_to(WORKSPACE)}: {words} words; split it by question"
+    words = words_in(page.read_text(encoding="utf-8"))
+    assert words <= _LONGER.get(page.stem, _MOST_WORDS), (
+        f"{page.relative_to(WORKSPACE)}: {words} words; split it by question"
+    )
+
+
+@pytest.fixture(scope="module")
+def generated() -> dict[str, str]:
+    """The pages of the reference, which are in the site alone."""
+    files: dict[str, str] = load("reference_pages").reference()
+    return {name.removesuffix(".md"): text for name, text in files.items() if name.endswith(".md")}
+
+
+def test_generated_pages_are_not_too_long(generated: dict[str, str]) -> None:
+    counts = {name: words_in(text) for name, text in generated.items()}
+    assert {name: count for name, count in counts.items() if count > _LONGER.get(name, _MOST_WORDS)} == {}
+
+
+def test_commands_on_generated_pages_can_run(generated: dict[str, str]) -> None:
+    texts = {text for page in generated.values() for text in commands_of(page)}
+    assert {text: why for text in sorted(texts) if (why := refusal(text))} == {}
+
+
+def test_the_reference_has_all_messages_parameters_and_commands(generated: dict[str, str]) -> None:
+    tables = "\n".join(text for name, text in generated.items() if name.startswith("parameters"))
+    files = [yaml.safe_load(path.read_text("utf-8")) for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")]
+    entries = [pair for content in files if isinstance(content, dict) for pair in content.items()]
+    names = {name for name, entry in entries if isinstance(entry, dict) and "default_value" in entry}
+    assert len(names) > 100 and [name for name in names if f"| `{name}` |" not in tables] == []
+    definitions = "\n".join(
+        text for name, text in generated.items() if name.startswith(("messages", "services", "actions"))
+    )
+    paths = [path for kind in ("msg", "srv", "action") for path in (WORKSPACE / "src/fsw_msgs" / kind).glob("*.*")]
+    assert [path.stem for path in paths if f"\n## {path.stem}\n" not in definitions] == []
+    commands = "\n".join(text for name, text in generated.items() if name.startswith("command-line-"))
+    verbs = next(action.choices for action in operator_parser()._actions if isinstance(action.choices, dict))
+    assert [verb for verb in verbs if f"## {verb}\n" not in commands] == []
+
+
+@pytest.mark.parametrize(
+    "page", [*WORKSPACE.glob("*.md"), *WORKSPACE.glob("src/*/README.md"), *WORKSPACE.glob("studies/*/README.md")]
+)
+def test_links_outside_the_site_lead_to_a_file(page: Path) -> None:
+    """MkDocs checks those of ``docs``; a generated page cannot be linked from outside the site."""
+    links = re.findall(r"\]\((?!\w+:|#)([^)#]+)", page.read_text(encoding="utf-8"))
+    assert [link for link in links if not (page.parent / link).exists()] == []
 
 
 def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

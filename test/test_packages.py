@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 
 import fsw
 from fsw_control import weld
@@ -309,15 +310,25 @@ def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
-def test_package_xml_says_who_and_where_as_pyproject_does(package: Path) -> None:
+def test_package_xml_agrees_with_pyproject(package: Path) -> None:
     project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     root = ElementTree.parse(package / "package.xml").getroot()
-    [maintainer], author = root.findall("maintainer"), root.find("author")
-    assert [{"name": maintainer.text, "email": maintainer.get("email")}] == project["maintainers"]
-    assert author is not None and [{"name": author.text}] == project["authors"]
+    for tag in ("maintainer", "author"):
+        assert [{"name": element.text} for element in root.findall(tag)] == project[f"{tag}s"]
     assert root.findtext("license") == project["license"]
-    assert root.findtext("version") == fsw.__version__
-    assert root.findtext("url") == project["urls"]["Homepage"]
+    assert root.findtext("url") == project.get("urls", {}).get("Homepage")
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    versions = {"CITATION.cff": yaml.safe_load((SOURCES.parent / "CITATION.cff").read_text("utf-8"))["version"]}
+    for path in SOURCES.glob("*/package.xml"):
+        versions[str(path)] = ElementTree.parse(path).findtext("version")
+    for path in SOURCES.glob("*/setup.py"):
+        versions[str(path)] = re.search(r'version="(.*)"', path.read_text("utf-8"))[1]
+    changes = (SOURCES.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions["CHANGELOG.md"] = re.search(r"^## \[(.*)\]", changes, re.MULTILINE)[1]
+    assert len(versions) >= 2 * len(PACKAGES)
+    assert {name: version for name, version in versions.items() if version != fsw.__version__} == {}
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)

@@ -6,7 +6,7 @@ package_name = "fsw_campaign"
 
 setup(
     name=package_name,
-    version="0.1.0",
+    version="0.3.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "campaigns/*.yaml", "templates/*.j2", "py.typed"]},
     data_files=[

@@ -4,7 +4,7 @@ package_name = "fsw_hmi"
 
 setup(
     name=package_name,
-    version="0.1.0",
+    version="0.3.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "package*.json", "py.typed", "page/*"]},
     data_files=[

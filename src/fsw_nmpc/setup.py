@@ -9,7 +9,7 @@ from fsw_control.c_library import CLibrary  # noqa: E402
 
 setup(
     name=package_name,
-    version="0.1.0",
+    version="0.3.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
     ext_modules=[Extension(**CLibrary(package_name, Path(package_name, "kernel")).extension())],

@@ -6,7 +6,7 @@ package_name = "fsw_scenario"
 
 setup(
     name=package_name,
-    version="0.1.0",
+    version="0.3.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "py.typed"]},
     data_files=[

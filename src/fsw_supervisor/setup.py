@@ -6,7 +6,7 @@ PACKAGE = "fsw_supervisor"
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="0.3.0",
     packages=[PACKAGE],
     package_data={PACKAGE: ["*.yaml", "py.typed"]},
     data_files=[

@@ -15,7 +15,8 @@ from controller_comparison.report import margin_rows
 from controller_comparison.study import KPIS, TOLERANCE, VARIATIONS
 from fsw_analysis.figure_style import colours_of, sheet
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.report import table, templates
+from fsw_analysis.markdown import table
+from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import nominal as nominal_parameters
 from fsw_scenario.standard_cases import CASES, EVENTS, SMITH, TIGHT

@@ -11,7 +11,7 @@ import numpy as np
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
 from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
-from fsw_analysis.report import table, templates, wilson
+from fsw_analysis.report import templates, wilson
 from fsw_canister.compact import TOLERANCE_K
 from fsw_model import nominal
 
@@ -338,7 +338,7 @@ def write(data: Mapping[str, Any], folder: Path) -> list[Path]:
     }
     written = []
     for name, picture in pictures.items():
-        text = pages.get_template(f"{name}.md.j2").render(**data, limits=limits, tolerance_k=TOLERANCE_K, table=table)
+        text = pages.get_template(f"{name}.md.j2").render(**data, limits=limits, tolerance_k=TOLERANCE_K)
         page, figure = folder / f"{name}.md", folder / f"{name}.png"
         page.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
         picture(data, figure)

@@ -1,6 +1,7 @@
 """The command of the study.
 
-Writes pages with tables, all numbers (comparison.json) and figures into the folder given by --out.
+Writes pages with tables and figures into the folder given by --out, or into docs/results with --publish; all numbers
+(comparison.json) always into the folder given by --out.
 """
 
 from __future__ import annotations
@@ -17,15 +18,6 @@ from controller_comparison.processes import SWEEP
 from fsw_scenario.standard_runs import draw_sweep
 
 WORKSPACE = Path(__file__).resolve().parents[2]
-
-
-def publish(table: list[str]) -> None:
-    """Put the table between its marks in the README, and draw the README's figure."""
-    readme = WORKSPACE / "README.md"
-    before, _, rest = readme.read_text(encoding="utf-8").partition("<!-- results -->\n")
-    _, end, after = rest.partition("<!-- results: end -->")
-    readme.write_text("\n".join([f"{before}<!-- results -->", *table, f"{end}{after}"]), encoding="utf-8")
-    figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
 
 
 def compare(out: Path, plants: int) -> dict[str, Any]:
@@ -49,12 +41,13 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
     parser.add_argument("--models", type=int, default=0, metavar="N", help="also N other models, some minutes each")
-    parser.add_argument("--publish", action="store_true", help="into docs/results, and README's table and figure")
+    parser.add_argument("--publish", action="store_true", help="into docs/results, and README's figure")
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
     out: Path = WORKSPACE / "docs" / "results" if arguments.publish else arguments.out
-    out.mkdir(parents=True, exist_ok=True)
+    for folder in (out, arguments.out):
+        folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     if arguments.quick:
         plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")}
@@ -65,7 +58,7 @@ def main() -> int:
     figures.corridors(out)
     draw_sweep(data["sweep"], out / "sweep.png")
     if arguments.publish:
-        publish(report.summary(data["nominal"], data["bounds"]))
+        figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
     models = out / "other_models.json"
     if arguments.models > 0:
         models.write_text(json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8")
@@ -73,6 +66,6 @@ def main() -> int:
         data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
     for name, text in report.pages(data).items():
         (out / name).write_text(text, encoding="utf-8")
-    (out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    (arguments.out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")
     return 0

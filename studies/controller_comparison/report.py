@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
-from fsw_analysis.report import table, templates
+from fsw_analysis.report import templates
 from fsw_scenario.margins import TITLES, texts
 from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
 from fsw_scenario.standard_runs import JUDGED, failed
@@ -55,19 +55,6 @@ def other_output(nominal: Mapping[str, Any], kind: str) -> Rows:
     found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
     rows = [[label, *(peak(events[e], EVENTS[e].of_depth) for e in _EVENTS)] for label, events in found.items()]
     return [["peak of the other output", *_EVENTS], *rows]
-
-
-def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
-    """Lines of the README's table: each event's own error, and what depth steps do to the temperature."""
-    columns = ("z up", "z down", "dz", "T up", "T down", "dT")
-    titles = [f"{'disturbance ' if e in DISTURBANCES else ''}{EVENTS[e].size}" for e in columns]
-    rows = [["IAE [mm s], [°C s]", *titles, "peak °C in depth events"]]
-    for label in CONTROLLERS:
-        found = nominal[label]["clean"]["events"]
-        peak = max(found[e]["peak_temperature_error_c"] for e in columns if EVENTS[e].of_depth)
-        rows.append([f"`{label}`", *(_iae(found, e) for e in columns), f"{peak:.2f}"])
-    rows.append(["best found (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
-    return table(rows).splitlines()
 
 
 def totals(nominal: Mapping[str, Any]) -> Rows:

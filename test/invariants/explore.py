@@ -29,6 +29,7 @@ if __name__ == "__main__":
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from fsw_analysis.markdown import table
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode
@@ -375,18 +376,17 @@ def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterat
 
 def page(rows: Sequence[Row]) -> str:
     """The table of the results page, and the totals."""
-    lines = ["| alphabet | letters | machine | depth | sequences | transitions | states | slowest recovery | CPU [s] |"]
-    lines.append("|---|---:|---|" + "---:|" * 6)
+    counted = ("sequences", "transitions", "states")
+    cells = [("alphabet", "machine", "letters", "depth", *counted, "slowest recovery", "CPU [s]")]
     for row in rows:
-        counts = [f"{row[name]:,}" for name in ("sequences", "transitions", "states")]
-        cells = [row["alphabet"], row["letters"], row["machine"], row["depth"], *counts, row["slowest_recovery"]]
-        lines.append("| " + " | ".join(map(str, [*cells, round(row["cpu_s"])])) + " |")
-    total = {name: f"{sum(row[name] for row in rows):,}" for name in ("sequences", "transitions", "states")}
+        numbers = (row["letters"], row["depth"], *(f"{row[name]:,}" for name in counted), row["slowest_recovery"])
+        cells.append((row["alphabet"], row["machine"], *numbers, round(row["cpu_s"])))
+    total = {name: f"{sum(row[name] for row in rows):,}" for name in counted}
     slowest = max(row["slowest_recovery"] for row in rows)
     broken = {rule: told for row in rows for rule, told in row["broken"].items()}
     text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(**total)
     text += f" The slowest recovery took {slowest} ticks. Rules violated: {len(broken) or 'none'}."
-    lines += ["", text]
+    lines = [table(cells, words=2), "", text]
     lines += [f"\n- After `{' '.join(path)}`: {words}." for path, words in broken.values()]
     return "\n".join(lines) + "\n"
 

@@ -27,6 +27,7 @@ if __name__ == "__main__":
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from fsw_analysis.markdown import table
 from fsw_test_support import pair_rules, results_page
 from fsw_test_support.pair_ends import ENDS, PLC_LINKS
 from fsw_test_support.pair_rules import HEAL_S, BrokenInvariantError
@@ -206,23 +207,13 @@ def invariants() -> list[str]:
 def page(rows: Sequence[results_page.Row]) -> str:
     """Invariants and table of the results page, and what is broken."""
     lines = [*invariants(), ""]
-    names = (
-        "machine",
-        "sequences",
-        "number",
-        "transitions",
-        "commands acted",
-        "slowest return [s]",
-        "broken",
-        "CPU [s]",
-    )
-    lines.append(f"| {' | '.join(names)} |")
-    lines.append("|---|---|" + "---:|" * 6)
+    numbers = ("number", "transitions", "commands acted", "slowest return [s]", "broken", "CPU [s]")
+    cells: list[Sequence[object]] = [("machine", "sequences", *numbers)]
     for row in rows:
         counts = [f"{row[name]:,}" for name in ("walks", "transitions", "accepted")]
         ends = [f"{row['slowest_s']:.1f}", ", ".join(sorted(row["broken"])) or "none", round(row["cpu_s"])]
-        lines.append("| " + " | ".join(map(str, [row["machine"], row["kind"], *counts, *ends])) + " |")
-    lines += ["", f"Together {sum(row['transitions'] for row in rows):,} transitions."]
+        cells.append((row["machine"], row["kind"], *counts, *ends))
+    lines += [table(cells, words=2), "", f"Together {sum(row['transitions'] for row in rows):,} transitions."]
     for row in rows:
         lines += [f"\n- {row['machine']}, `{', '.join(path)}`: {words}." for path, words in row["broken"].values()]
     return "\n".join(lines) + "\n"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fsw_control.contract import Proposal as Proposal
     from fsw_control.contract import Reference as Reference
 
-__version__ = "0.1.0"
+__version__ = "0.3.0"
 #: public names, by the module that has them
 _PLACES = {
     "fsw.controller": ("Controller",),

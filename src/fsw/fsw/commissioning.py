@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fsw.outputs import write_text
+from fsw_analysis.markdown import table
 from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_model import ModelParameters
@@ -369,6 +370,6 @@ def write_report(course: Course, path: Any, origin: str) -> None:
         if outcome.note:
             lines.append(f"\n{outcome.note}\n")
         if outcome.rows:
-            lines.append("\n| | found | limit | |\n|---|---|---|---|\n")
-            lines += [f"| {r.what} | {r.found} | {r.limit} | {'' if r.good else 'not met'} |\n" for r in outcome.rows]
+            rows = [(row.what, row.found, row.limit, "" if row.good else "not met") for row in outcome.rows]
+            lines.append(f"\n{table([('', 'found', 'limit', ''), *rows], words=None)}\n")
     write_text(path, "".join(lines))

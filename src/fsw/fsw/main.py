@@ -32,6 +32,7 @@ _MODULES = {
     "history": ("history",),
     "demo": ("demo",),
     "node": ("node",),
+    "schema": ("schema_command",),
     "completion": ("completion",),
     "bag": ("bags", "bag_info", "bag_recover", "bag_kpi", "bag_plot", "bag_export", "bag_replay", "bag_evidence"),
 }

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fsw_analysis.markdown import table
 from fsw_schema.files import write_whole
 
 #: Rows of the table: meaning, unit, factor to that unit, by key.
@@ -56,18 +57,7 @@ def _difference(first: float | None, second: float | None, factor: float) -> str
 
 def markdown(runs: Sequence[dict[str, Any]]) -> str:
     """Table with a row per figure of merit and a column per run; of two runs also their difference."""
-    return table(_cells(runs), words=2)
-
-
-def table(rows: Sequence[Sequence[str]], words: int) -> str:
-    """Rows, the first of which is the head, as a table in markdown; numbers, behind ``words`` columns, flush right."""
-    widths = [max(3, *map(len, column)) for column in zip(*rows, strict=True)]
-    rule = ["-" * width if i < words else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
-    lines = []
-    for row in (rows[0], rule, *rows[1:]):
-        cells = [f"{cell:{'<' if i < words else '>'}{widths[i]}}" for i, cell in enumerate(row)]
-        lines.append(f"| {' | '.join(cells)} |\n")
-    return "".join(lines)
+    return table(_cells(runs), words=2, padded=True) + "\n"
 
 
 def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
-from fsw_analysis.kpi_table import table, write_both
+from fsw_analysis.kpi_table import write_both
+from fsw_analysis.markdown import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
 #: name, begin and end [s] of a phase
@@ -107,7 +108,7 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
             cells.append(("", "against the set-points in force", *errors, ""))
     for name, (cycles, error) in PUBLISHED.items():
         cells.append((f"published, {cycles} real weld{'s'[: cycles > 1]}", name, _words(error, 1.0, 1), "-", "-"))
-    return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4)}"
+    return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4, padded=True)}\n"
 
 
 def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:

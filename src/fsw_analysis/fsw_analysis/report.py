@@ -1,37 +1,42 @@
-"""What all reports share: their templates, pages, tables in Markdown, and shares with their intervals."""
+"""What all reports share: their templates, pages, figures in pages, and shares with their intervals."""
 
 from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, FileSystemLoader, PackageLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, PackageLoader, StrictUndefined, select_autoescape
+
+from fsw_analysis.markdown import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def templates(place: str | Path, html: bool = False) -> Environment:
-    """Templates of a package's folder ``templates``, or of a folder; a missing value is an error.
+@cache
+def templates(place: str | Path) -> Environment:
+    """Templates of a package's folder ``templates``, or of a folder.
 
-    ``html``: values are escaped.
+    A missing value is an error, values in HTML and XML are escaped, and ``table`` makes a table in Markdown.
     """
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(place) if isinstance(place, Path) else PackageLoader(place),
-        autoescape=html,
+        autoescape=select_autoescape(("html.j2", "xml.j2")),
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
+    environment.globals["table"] = table
+    return environment
 
 
 def page(package: str, template: str, **values: Any) -> str:
     """A page, from one of a package's templates."""
-    return templates(package, html=True).get_template(template).render(values)
+    return templates(package).get_template(template).render(values)
 
 
 def png(figure: Figure, dpi: float) -> bytes:
@@ -44,12 +49,6 @@ def png(figure: Figure, dpi: float) -> bytes:
 def source(image: bytes) -> str:
     """A PNG as the source of an image of a page, which so is one file."""
     return f"data:image/png;base64,{base64.b64encode(image).decode()}"
-
-
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Markdown of a table; the first row is its header, the first column words and all others numbers."""
-    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([header, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
 
 
 def wilson(good: int, total: int) -> tuple[float, float]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from jinja2 import select_autoescape
-
 from fsw_analysis.report import templates
 
 
@@ -18,7 +16,6 @@ def _c(value: Any) -> str:
 
 
 _ENVIRONMENT = templates("fsw_export")
-_ENVIRONMENT.autoescape = select_autoescape(["xml.j2"])
 _ENVIRONMENT.filters["c"] = _c
 
 

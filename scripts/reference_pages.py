@@ -1,0 +1,333 @@
+"""Pages of the reference, made from the packages' own data: parameters, messages, files, command line, JSON Schemas."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Sequence
+from itertools import takewhile
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw.demo import parser as demo_parser
+from fsw.main import parser as operator_parser
+from fsw.schema_command import FILES, schema_text
+from fsw_analysis import markdown
+from fsw_analysis.procedure import Procedure
+from fsw_control.parameters import INCLUDE, ParameterSpec, parse
+from fsw_hmi.main import parser as hmi_parser
+from fsw_model import nominal
+from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_quality.attestation import Attestation
+from fsw_recorder.findings import Code
+from fsw_recorder.manifest import Manifest
+from fsw_recorder.signature import KeyList, Statement
+from fsw_scenario import scenario_file
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
+from fsw_scenario.weld_programme_file import LIMITS
+from fsw_schema.models import Model, descriptions, json_schema
+from fsw_schema.ranges import Range
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+LONGEST_PAGE = 1500  # words
+
+
+def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
+    """A table of parameters."""
+    rows = []
+    for spec in specs.values():
+        default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
+        allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
+        text = spec.text + (" (at start only)" if spec.read_only else "")
+        rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
+    return table(("parameter", "type", "default", "range", "unit", "meaning"), rows)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Lines of a table of words."""
+    return markdown.table([header, *rows], words=None).splitlines()
+
+
+def page(title: str, *lines: str) -> str:
+    """A page of the reference."""
+    return "\n".join([f"# {title}", "", *lines, ""])
+
+
+def describes_parameters(text: str) -> bool:
+    """Whether a YAML file is one that describes parameters."""
+    content = yaml.safe_load(text)
+    return isinstance(content, dict) and all(
+        name == INCLUDE or (isinstance(entry, dict) and "default_value" in entry) for name, entry in content.items()
+    )
+
+
+def parameters() -> dict[str, str]:
+    """A page for the parameters of each package's nodes, one for the NMPC's tuning file, and a page that lists them."""
+    pages, rows = {}, []
+    for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
+        text = path.read_text(encoding="utf-8")
+        if describes_parameters(text):
+            comment = [line.lstrip("# ") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())]
+            comment = [line.replace("<", "&lt;") for line in comment]
+            specs = parse(text, str(path))
+            name = f"parameters-{path.stem.replace('_', '-')}"
+            title = f"Parameters: {path.name} ({path.parent.name})"
+            intro = [*comment, *([""] if comment else [])]
+            pages[name] = page(title, *intro, *parameter_table(specs))
+            rows.append((f"[{path.name}]({name}.md)", path.parent.name, len(specs), " ".join(comment).split(". ")[0]))
+            if len(pages[name].split()) > LONGEST_PAGE:  # groups, as limits.*, on a page of their own
+                groups = {key: spec for key, spec in specs.items() if "." in key}
+                names = ", ".join(f"`{one}`" for one in dict.fromkeys(key.partition(".")[0] for key in groups))
+                more = [f"The groups {names} are [on a page of their own]({name}-groups.md).", ""]
+                single = {key: spec for key, spec in specs.items() if key not in groups}
+                pages[name] = page(title, *intro, *more, *parameter_table(single))
+                back = [f"The groups {names}; [the other parameters]({name}.md).", ""]
+                pages[f"{name}-groups"] = page(f"{title}: groups", *back, *parameter_table(groups))
+    pages["parameters-tuning"] = tuning_file()
+    return pages | {
+        "parameters": page(
+            "Parameters",
+            "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
+            "Every controller node has the parameters of `controller.yaml` besides its own. The file that the NMPC's "
+            "parameter `tuning_file` names has [fields of its own](parameters-tuning.md).",
+            "",
+            *table(("file", "package", "parameters", "of"), rows),
+        )
+    }
+
+
+def tuning_file() -> str:
+    """Fields of the NMPC's tuning file."""
+    presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
+    meaning = meanings(Tuning) | {f"estimator.{name}": text for name, text in meanings(EstimatorTuning).items()}
+    rows = []
+    for name, text in meaning.items():
+        if name != "estimator":
+            values = map(attrgetter(name), presets)
+            shown = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
+            rows.append((f"`{name}`", *shown, text))
+    return page(
+        "Tuning file of the NMPC",
+        "Fields of the file that the parameter `tuning_file` names.",
+        "",
+        *table(("field", "`default`", "`paper`", "meaning"), rows),
+    )
+
+
+def meanings(model: type[Model]) -> dict[str, str]:
+    """What a model says of each field; its own description where it says nothing."""
+    summary = (model.__doc__ or "").split("\n")[0]
+    return {name: descriptions(model).get(name, summary).replace("``", "`") for name in model.model_fields}
+
+
+def messages() -> dict[str, str]:
+    """Pages of the definitions: messages of control, of state, of operation and quality, services, actions."""
+    folder = WORKSPACE / "src/fsw_msgs"
+    watching = ("AlarmEvent", "OperatorAction", "WeldFinding", "WeldHealth", "WeldKpi", "WeldProgress")
+    state = ("ControllerHealth", "ControllerStatus", "Reason", "SupervisorState")
+    control = [path for path in sorted((folder / "msg").glob("*.msg")) if path.stem not in (*watching, *state)]
+    groups = {
+        "messages": ("Messages of control", control),
+        "messages-state": ("Messages of state, and reasons", [folder / "msg" / f"{name}.msg" for name in state]),
+        "messages-watch": ("Messages of operation and quality", [folder / "msg" / f"{name}.msg" for name in watching]),
+        "services": ("Services", sorted((folder / "srv").glob("*.srv"))),
+        "actions": ("Actions", sorted((folder / "action").glob("*.action"))),
+    }
+    pages = {}
+    for name, (heading, paths) in groups.items():
+        lines = ["Definitions in `fsw_msgs`, with their comments. Units are SI."]
+        for path in paths:
+            lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
+        pages[name] = page(heading, *lines)
+    return pages
+
+
+def model_tables(model: type[Model], heading: str = "##") -> list[str]:
+    """A table of the keys of a model, and one of each model inside it."""
+    schema = json_schema(model)
+    lines = []
+    for name, one in [("", schema), *schema.get("$defs", {}).items()]:
+        required = one.get("required", [])
+        rows = []
+        if "enum" in one:
+            lines += ["", f"{heading} {title(name)}", "", one.get("description", ""), "", allowed(one)]
+            continue
+        for key, value in one["properties"].items():
+            default = f"`{json.dumps(value['default'])}`" if "default" in value else "needed" if key in required else ""
+            rows.append((f"`{key}`", allowed(value), default, value.get("description", "").replace("\n", " ")))
+        lines += ["", f"{heading} {title(name) if name else 'Keys'}", ""]
+        lines += [one["description"], ""] if name else []
+        lines += table(("key", "value", "default", "meaning"), rows)
+    return lines
+
+
+def title(name: str) -> str:
+    """Name of a model in words: ``PhaseEntry`` is a phase."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", name.removesuffix("Entry")).capitalize()
+
+
+def allowed(value: dict[str, Any]) -> str:
+    """What a JSON Schema allows, in words."""
+    if "$ref" in value:
+        name = title(value["$ref"].rpartition("/")[2])
+        return f"[{name.lower()}](#{name.lower().replace(' ', '-')})"
+    if value.get("type") == "array":
+        return f"list: {allowed(value['items'])}"
+    if "enum" in value or "const" in value:
+        return ", ".join(f"`{one}`" for one in value.get("enum", [value.get("const")]))
+    if "minimum" in value:
+        return str(Range(value["minimum"], value["maximum"], value.get("unit", "")))
+    words = {"object": "mapping", "boolean": "`true`, `false`", "string": "text"}
+    return "letters, digits, `_`" if "pattern" in value else words.get(value["type"], value["type"])
+
+
+def scenarios() -> dict[str, str]:
+    """A page of the keys and ranges of scenario files, and one of the shipped scenarios."""
+    loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
+    shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
+    changes = "; ".join(
+        f"`{name}` by {step:g} {unit} at once, {rate:g} {unit}/s as a ramp"
+        for name, (unit, step, rate) in LIMITS.items()
+    )
+    lines = [
+        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
+        "editors: [scenario.schema.json](scenario.schema.json).",
+        *model_tables(Scenario),
+        "",
+        f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
+        f"{CANISTER_DIAMETER_MM:g} mm.",
+    ]
+    return {
+        "scenarios": page("Scenario files", *lines),
+        "scenarios-shipped": page(
+            "Shipped scenarios",
+            "They are in `src/fsw_scenario/fsw_scenario/scenarios`; commands take them by name.",
+            "",
+            *table(("name", "duration [s]", "what it shows"), shipped),
+        ),
+    }
+
+
+def procedures() -> dict[str, str]:
+    """A page of the keys of procedure files."""
+    lines = [
+        "What a weld must keep, as data; how it is used: [The record of a weld](../how-to/record.md). The same as a "
+        "JSON Schema, for editors: [procedure.schema.json](procedure.schema.json).",
+        *model_tables(Procedure),
+    ]
+    return {"procedures": page("Procedure files", *lines)}
+
+
+def evidence() -> dict[str, str]:
+    """A page of the keys of manifests and attestations."""
+    lines = [
+        "What they are for: [Evidence](../how-to/evidence.md). The same as JSON Schemas: "
+        "[manifest.schema.json](manifest.schema.json), [attestation.schema.json](attestation.schema.json).",
+        "",
+        "## manifest.json",
+        *model_tables(Manifest, "###"),
+        "",
+        "## attestation.json",
+        *model_tables(Attestation, "###"),
+        "",
+        "## Signature",
+        "",
+        "The payload of the envelope in a file `.sig`.",
+        *model_tables(Statement, "###"),
+        "",
+        "## List of trusted keys",
+        *model_tables(KeyList, "###"),
+        "",
+        "## Codes",
+        "",
+        "Of findings, with the words of each.",
+        "",
+        *table(("code", "words"), [(f"`{code}`", code.words) for code in Code]),
+    ]
+    return {"evidence": page("Evidence files", *lines)}
+
+
+def command_line() -> dict[str, str]:
+    """All commands with their arguments: pages of the verbs for a running weld, its nodes, bags, and of the rest."""
+    verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
+    nodes = ("param", "lifecycle", "hmi")
+    running = ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld")
+    running = (*running, "commission")
+    quality = ("procedure", "record", "monitor", "history")
+    whole = ("demo", "node", "completion", "schema")
+    studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
+    groups = {
+        "command-line-weld": ("Command line: a running weld", running),
+        "command-line-nodes": ("Command line: nodes and the page", nodes),
+        "command-line-studies": ("Command line: simulate, study, export", studies),
+        "command-line-quality": ("Command line: procedures, records, monitoring", quality),
+        "command-line-demo": ("Command line: demonstration, nodes, completion, schemas", whole),
+        "command-line-bags": ("Command line: bags", ("bag",)),
+    }
+    pages, lines = {}, []
+    for name, (title, members) in groups.items():
+        lines.append(f"- [{title.partition(': ')[2]}]({name}.md): {', '.join(f'`{verb}`' for verb in sorted(members))}")
+        pages[name] = page(title, *(line for verb in verbs if verb in members for line in command(verbs[verb])))
+    overview = [
+        "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`:",
+        "",
+        *lines,
+        "",
+        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments. "
+        "A file that exists is replaced only with `--force`.",
+        "",
+        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
+        "lists their parameters.",
+    ]
+    for parser, script in ((demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
+        overview += ["", f"## scripts/{script}", "", sentence(parser), *arguments(parser)]
+    return pages | {"command-line": page("Command line", *overview)}
+
+
+def sentence(parser: argparse.ArgumentParser) -> str:
+    """What a command does, beginning with a capital letter."""
+    text = (parser.description or "").removeprefix(f"{parser.prog.split()[-1]}: ")
+    return text[:1].upper() + text[1:]
+
+
+def command(parser: argparse.ArgumentParser) -> list[str]:
+    """A command and its subcommands."""
+    lines = [f"## {' '.join(parser.prog.split()[1:])}", "", sentence(parser), *arguments(parser), ""]
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            lines += [line for one in action.choices.values() for line in command(one)]
+    return lines
+
+
+def arguments(parser: argparse.ArgumentParser) -> list[str]:
+    """Table of a command's arguments."""
+    rows = []
+    for action in parser._actions:
+        if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
+            chosen = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
+            text = argparse.HelpFormatter("")._expand_help(action) if action.help else ""
+            rows.append((f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part)))
+    return ["", *table(("argument", "meaning"), rows)] if rows else []
+
+
+def argument(action: argparse.Action) -> str:
+    """An argument as it is written, in brackets when it may be left out."""
+    value = action.metavar if isinstance(action.metavar, str) else None
+    if not action.option_strings:
+        value = value or action.dest
+        return {"?": f"[{value}]", "*": f"[{value} ...]", "+": f"{value} [{value} ...]"}.get(str(action.nargs), value)
+    name = action.option_strings[-1]
+    text = name if action.nargs == 0 else f"{name} {value or action.dest.upper()}"
+    return text if action.required else f"[{text}]"
+
+
+def reference() -> dict[str, str]:
+    """All files, by name."""
+    pages = {**parameters(), **messages(), **scenarios(), **procedures(), **evidence(), **command_line()}
+    schemas = {f"{name}.schema.json": schema_text(name) for name in FILES}
+    return {f"{name}.md": text for name, text in pages.items()} | schemas
