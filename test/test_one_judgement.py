@@ -19,7 +19,8 @@ from fsw_control.cause import Cause
 from fsw_hmi import bag_view
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.weld_view import Row
-from fsw_quality.record import Record, assemble
+from fsw_quality.record import assemble
+from fsw_quality.record_content import Record
 from fsw_test_support.judged_weld import TICKS, good_weld, short_procedure
 
 PROCEDURE = short_procedure()

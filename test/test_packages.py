@@ -127,7 +127,7 @@ def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:
 
 @cache
 def imports(source: str) -> tuple[tuple[str, bool], ...]:
-    """Imported modules of a source text, and whether each is imported when the file is."""
+    """Imported modules of a source text, and whether each is imported when the file is, or for its types only."""
     tree, found = ast.parse(source), []
     inside = {
         id(node)
@@ -135,14 +135,8 @@ def imports(source: str) -> tuple[tuple[str, bool], ...]:
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in ast.walk(function)
     }
-    typing_only = {
-        id(node)
-        for branch in ast.walk(tree)
-        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
-        for node in ast.walk(branch)
-    }
     for node in ast.walk(tree):
-        at_import = id(node) not in inside and id(node) not in typing_only
+        at_import = id(node) not in inside
         if isinstance(node, ast.Import):
             found += [(alias.name, at_import) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -15,7 +15,7 @@ from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality import report
 from fsw_quality.procedure import check_signed, load, shipped
-from fsw_quality.record import Record
+from fsw_quality.record_content import Record
 from fsw_recorder import after_recording
 
 

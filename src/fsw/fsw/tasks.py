@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from fsw_export.fmu_description import Content
-    from fsw_quality.record import Record
+    from fsw_quality.record_content import Record
 
 
 @checked

@@ -19,7 +19,8 @@ from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.signals import load_weld
 from fsw_quality import procedure, report
 from fsw_quality.attestation import manifest_for
-from fsw_quality.record import Record, make
+from fsw_quality.record import make
+from fsw_quality.record_content import Record
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME

@@ -12,6 +12,7 @@ from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
 from fsw_identification.problem import HEAT, Problem, Shift
 from fsw_identification.simulation import OUTPUTS
+from fsw_identification.solver import solve
 
 #: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
 _SHIFT_TICKS, SHIFT = 30, 9.0
@@ -95,7 +96,7 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
             left[i] |= new
             segment = problem.segments[i]
             problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
-        problem.solve(progress)
+        solve(problem, progress)
     notes = [
         f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not rely on "
         "parameters that depend on it"

@@ -14,11 +14,12 @@ import numpy as np
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.disturbed import disturbed_windows, drop_small_shifts, find_shifts, leave_out
-from fsw_identification.evidence import WALK, evidence, likely_colour, likely_lag
+from fsw_identification.evidence import evidence, likely_colour, likely_lag
 from fsw_identification.noise import WHITE_S, correlation_s
-from fsw_identification.problem import NOISE_FLOOR, Problem, Shift
+from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
 from fsw_identification.robust import long_run_covariance
 from fsw_identification.simulation import CANDIDATES, DEPTH, OUTPUTS, TEMPERATURE, TORQUE, added, as_shown
+from fsw_identification.solver import solve
 from fsw_identification.statistics import CORRELATED, long_run_factor
 from fsw_identification.weld_data import Segment
 from fsw_model import ModelParameters
@@ -170,11 +171,10 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
-        best.solve(count)
+        solve(best, count)
     notes = leave_out(best, _innovation(first.noise, best.autocorrelation), count)
     drop_small_shifts(best)
-    best.reject = True
-    best.solve(count)
+    solve(best, count, reject=True)
     if steady:
         notes += [
             f"{name}: residuals are correlated over {over_s:.2g} s; --steady takes noise for white, and enlarges the "
@@ -182,7 +182,7 @@ def _identify(segments: Sequence[Segment], start: ModelParameters, count: Progre
             for name, over_s in zip(OUTPUTS, correlation_s(likely_colour(best)), strict=True)
             if over_s > WHITE_S
         ]
-    return _fit(best, kept | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes)
+    return _fit(best, kept | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes, rejected=True)
 
 
 def _sensors(problem: Problem) -> Sensors:
@@ -227,9 +227,9 @@ def _solve_steady(
     """Solution from a start with disturbances that hardly change, and no shifts."""
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
     problem.walk = WALK[0]
-    problem.solve(count)
+    solve(problem, count)
     problem.free = free
-    problem.solve(count)
+    solve(problem, count)
     return problem
 
 
@@ -267,19 +267,24 @@ def _solve(
     problem.set_shifts(shifts, sizes)
     problem.coloured, problem.lag_s = sensors
     problem.lagged = problem.lag_s > 0.0
-    problem.solve(count)
+    solve(problem, count)
     problem.free = free
-    problem.solve(count)
+    solve(problem, count)
     if problem.coloured and problem.autocorrelation.max() < _COLOURED:
         # a lag or a shift had made the residuals look so
         problem.coloured, problem.autocorrelation = False, np.zeros(len(OUTPUTS))
-    for problem.fixed_walk in (True, False):
-        if not problem.fixed_walk:
-            problem.solve(count)
-        while found := find_shifts(problem):
-            problem.set_shifts([*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found))))
-            problem.solve(count, _FEW)
+    _add_shifts(problem, count)
+    problem.fixed_walk = False
+    solve(problem, count)
+    _add_shifts(problem, count)
     return problem
+
+
+def _add_shifts(problem: Problem, count: Progress) -> None:
+    """Add shifts and solve again, until there are no others."""
+    while found := find_shifts(problem):
+        problem.set_shifts([*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found))))
+        solve(problem, count, _FEW)
 
 
 def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: float = 0.0) -> Fit:
@@ -289,7 +294,7 @@ def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: fl
     """
     problem = Problem(segments, parameters, ())
     problem.walk, problem.lag_s = WALK[0], lag_s
-    problem.solve(lambda: None)
+    solve(problem, lambda: None)
     return _fit(problem, {}, [])
 
 
@@ -358,10 +363,7 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:
     """What errors of parameters that are kept nominal add to the covariance of everything else."""
-    free, n = problem.free, len(problem.free)
-    problem.free = (*free, *kept)
-    information = problem.information()
-    problem.free = free
+    n, information = len(problem.free), problem.variant(free=(*problem.free, *kept)).information()
     at = np.arange(n, n + len(kept))
     others = np.delete(np.arange(len(information)), at)
     gain = _KEPT_DEVIATION * covariance @ information[np.ix_(others, at)]
@@ -388,9 +390,9 @@ def _by_doubt(problem: Problem) -> FloatArray:
     return found
 
 
-def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
+def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: bool = False) -> Fit:
     residuals, whitened = problem.residuals, problem.whitened
-    if problem.reject:
+    if rejected:
         inside, whitened = (
             [np.where(weights > 0.0, one, np.nan) for one, weights in zip(every, problem.weights, strict=True)]
             for every in (residuals, whitened)
@@ -400,16 +402,15 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         residuals = inside
     colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
     robust = np.diag(long_run_covariance(problem))
-    white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
-    covariance = np.asarray(np.linalg.inv(problem.information()), dtype=np.float64)
+    wide = problem.variant(noise=problem.noise * np.sqrt(colour))
+    covariance = np.asarray(np.linalg.inv(wide.information()), dtype=np.float64)
     # never smaller than by the model: of a short weld the residuals' own is too small by chance
     wider = np.sqrt(np.maximum(1.0, robust / np.diag(covariance)))
     covariance *= np.outer(wider, wider)
-    with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(problem)
+    with_doubt = np.eye(len(covariance)) - covariance @ _by_doubt(wide)
     covariance = with_doubt @ covariance @ with_doubt.T
-    covariance += _by_kept(problem, [name for name in kept if name not in STRUCTURAL], covariance)
-    offset, offset_std = _mean_disturbance(problem, covariance)
-    problem.noise = white
+    covariance += _by_kept(wide, [name for name in kept if name not in STRUCTURAL], covariance)
+    offset, offset_std = _mean_disturbance(wide, covariance)
     n, std = len(problem.free), np.sqrt(np.diag(covariance))
     sizes = zip(problem.shifts, map(float, problem.sizes), map(float, std[n:-2]), strict=True)
     return Fit(
@@ -417,7 +418,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str]) -> Fit:
         free=problem.free,
         covariance=covariance[:n, :n],
         kept=kept,
-        noise=white / np.sqrt(1.0 - problem.autocorrelation**2),
+        noise=problem.noise / np.sqrt(1.0 - problem.autocorrelation**2),
         correlation_s=correlation_s(problem.autocorrelation),
         colour=colour,
         segments=problem.segments,

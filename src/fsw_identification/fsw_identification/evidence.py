@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.elimination import Eliminated
 from fsw_identification.noise import autocorrelation_of
+from fsw_identification.problem import STATE_PRIOR, WALK, WALKS_OF, Part, Problem
 from fsw_identification.simulation import OUTPUTS
 
-if TYPE_CHECKING:
-    from fsw_identification.elimination import Eliminated
-    from fsw_identification.problem import Part, Problem
-
-#: of an output: the walks of its input and of itself
-WALKS_OF = ((0, 2), (1, 3), (4,))
-#: prior standard deviations of the states at the first knot, by output; the temperature's third is the thermocouple's
-STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
-#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
-#: smallest, at the start, largest
-WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
-WALK = np.stack([WALK, 0.03 * WALK], axis=1)
 #: largest factor on the size of a walk in one iteration
 _WALK_STEP = 4.0
 #: what a disturbance has to add to the evidence before its size is e times the smallest
@@ -96,11 +85,9 @@ def of_samples(problem: Problem, output: int) -> float:
 
 def likely_colour(problem: Problem) -> FloatArray:
     """(3,): autocorrelation of the noise from tick to tick with the largest evidence at a solution, which stays."""
-    before = problem.autocorrelation.copy(), problem.noise.copy()
-    take_likely_colour(problem, problem.linearised(problem.parameters, True))
-    found = problem.autocorrelation
-    problem.autocorrelation, problem.noise = before
-    return found
+    trial = problem.variant(autocorrelation=problem.autocorrelation.copy(), noise=problem.noise.copy())
+    take_likely_colour(trial, trial.linearised(trial.parameters, True))
+    return trial.autocorrelation
 
 
 def likely_lag(problem: Problem) -> tuple[float, float]:
@@ -108,8 +95,6 @@ def likely_lag(problem: Problem) -> tuple[float, float]:
 
     Computed at a solution without a lag, which stays as it is.
     """
-    before, problem.lagged = problem.lagged, True
-    border, _ = problem.eliminate(problem.linearised(problem.parameters, True), True)
-    problem.lagged = before
+    border, _ = problem.variant(lagged=True).eliminate(problem.linearised(problem.parameters, True), True)
     covariance = np.linalg.inv(border[1:, 1:])
     return float(covariance[-1] @ border[1:, 0]), float(np.sqrt(covariance[-1, -1]))

@@ -1,21 +1,17 @@
-"""Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`.
-
-No solver of SciPy does this: noise and size of the random walks are estimated again before each step, so that what is
-minimised changes from step to step.
-"""
+"""The linearised problem of the estimate of :mod:`fsw_identification.estimation`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import scipy
 
 from fsw_analysis.weld_signals import FloatArray
 from fsw_identification.elimination import Compressed, Eliminated, compress, eliminate
-from fsw_identification.evidence import STATE_PRIOR, WALK, WALKS_OF, likely_walk, take_likely_colour
 from fsw_identification.noise import Whitening, whitening
 from fsw_identification.simulation import (
     DEPENDS,
@@ -27,7 +23,6 @@ from fsw_identification.simulation import (
     Knowledge,
     Response,
     Walks,
-    added,
     driven,
     heated,
     respond,
@@ -48,6 +43,14 @@ _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 _SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
 #: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
+#: of an output: the walks of its input and of itself
+WALKS_OF = ((0, 2), (1, 3), (4,))
+#: prior standard deviations of the states at the first knot, by output; the temperature's third is the thermocouple's
+STATE_PRIOR = (np.array([500.0, 50.0]), np.array([20.0, 20.0, 20.0]), np.zeros(0))
+#: standard deviations of a disturbance's change from knot to knot, and (second row) of the change of its trend:
+#: smallest, at the start, largest
+WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
+WALK = np.stack([WALK, 0.03 * WALK], axis=1)
 #: at the beginning of a segment the outputs are not used for so long: dead time and tool, motor
 _SETTLING_TICKS = (0, 40, 20)
 #: smallest noise that is assumed, so that noise-free data do not get infinite weight
@@ -60,18 +63,10 @@ HEAT = 3
 #: of a slow disturbance of the temperature this share is one of the tool itself, which softens the copper, and the rest
 #: is one of the sensor: mean and standard deviation before the depth tells
 SHARE, _SHARE_DEVIATION = 0.5, 0.5
-#: prior standard deviation of the thermocouple's lag, by whether it is estimated; the smallest and the largest [s]
-_LAG_PRIOR_S, _LAG_LIMITS_S = (1e-6, 5.0), (0.05, 10.0)
-_LARGEST_MOVE = 0.3
-_WALK_SETTLED = 0.3
-#: a relative change of the noise's correlation that matters
-_COLOUR_SETTLED = 0.1
+#: prior standard deviation of the thermocouple's lag, by whether it is estimated [s]
+_LAG_PRIOR_S = (1e-6, 5.0)
 #: a trend at the first knot, in what changes it from knot to knot
 _TREND = 3.0
-_LEAST, _ITERATIONS = 3, 30
-_MOST_DAMPED = 1e4
-#: converged when the next move is below this many standard deviations, all parameters together
-_CONVERGED = 0.05
 #: difference of the logarithm of a parameter by which slopes are computed
 _SLOPE = 1e-5
 #: the measured temperature is smoothed over so many ticks for its effect on the depth
@@ -122,7 +117,6 @@ class Problem:
         #: (2, 5): standard deviation of the change from knot to knot of each of ``WALKS``, and of its trend
         self.walk = WALK[1].copy()
         self.fixed_walk = True  #: whether ``walk`` stays as it is
-        self.reject = False  #: whether outliers are left out, instead of counting less (Huber)
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)  #: of the shifts
         self.lag_s = 0.0  #: of the thermocouple behind the tool, which softens the copper; 0: there is none
@@ -133,7 +127,13 @@ class Problem:
         #: (n, 3) by segment, at the last solution
         self.predicted, self.residuals, self.whitened = list[FloatArray](), list[FloatArray](), list[FloatArray]()
         self.known = [measured(segment, start) for segment in segments]
-        self._parts: list[Part] = []
+        self.parts: list[Part] = []
+
+    def variant(self, **attributes: Any) -> Self:
+        """The same with other attributes, for a question to the solution; nothing of this one may be changed by it."""
+        other = copy(self)
+        vars(other).update(attributes)
+        return other
 
     def set_shifts(self, shifts: Sequence[Shift], sizes: FloatArray) -> None:
         """Replace all shifts."""
@@ -147,7 +147,7 @@ class Problem:
     def disturbances(self) -> list[FloatArray]:
         """(n, 5) by segment: courses of ``WALKS``."""
         found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
-        for part in self._parts:
+        for part in self.parts:
             for which, at_knots in zip(reversed(WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False):
                 found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
         return found
@@ -206,7 +206,7 @@ class Problem:
         for i, segment in enumerate(self.segments):
             for output in range(len(OUTPUTS)):
                 response = respond(output, p, segment, self.known[i], self.lag_s)
-                walk, at_knots = walks(response), self._parts[len(parts)].at_knots if slopes else np.zeros(0)
+                walk, at_knots = walks(response), self.parts[len(parts)].at_knots if slopes else np.zeros(0)
                 columns = [np.nan_to_num(segment.measured[:, output])[:, None], self._shift_slopes(i, output, p)]
                 if slopes:
                     by_free, by_lag = self._slopes(i, output, at_knots)
@@ -249,7 +249,7 @@ class Problem:
         steps = np.concatenate([np.zeros(states.size), walk[1, which], walk[0, which]])
         return eliminate(part.data, part.walk, float(self.noise[part.output]), start, steps)
 
-    def _profile(self, p: ModelParameters) -> tuple[float, list[Part], FloatArray]:
+    def profile(self, p: ModelParameters) -> tuple[float, list[Part], FloatArray]:
         """Cost at parameters, with the best knots, shifts and share, these and these."""
         parts = self.linearised(p, False)
         border, found = self.eliminate(parts, False)
@@ -264,11 +264,11 @@ class Problem:
 
         The temperature is told as it was measured, smoothed: a model's would tell the depth the errors of the model.
         """
-        _, self._parts, sizes = self._profile(self.parameters)
+        _, self.parts, sizes = self.profile(self.parameters)
         self.sizes, self.share = sizes[:-1], SHARE + float(sizes[-1])
         self.predicted, self.residuals, self.whitened = [], [], []
         for i, segment in enumerate(self.segments):
-            parts, p = self._parts[3 * i : 3 * i + 3], self.parameters
+            parts, p = self.parts[3 * i : 3 * i + 3], self.parameters
             shifts, of_sensor = (
                 np.column_stack([self._shift_slopes(i, output, p, real) @ sizes for output in range(3)])
                 for real in (True, False)
@@ -301,77 +301,14 @@ class Problem:
         whitened = np.concatenate([self._white(i, output) for i in range(len(self.segments))])
         self.noise[output] = max(_spread(whitened), NOISE_FLOOR[output])
 
-    def estimate_noise(self) -> None:
-        """Noise of each output; and the weights of the samples."""
+    def estimate_noise(self, reject: bool) -> None:
+        """Noise of each output, and the weights of the samples: outliers count less (Huber), or not at all."""
         for output in range(len(OUTPUTS)):
             self.take_noise(output)
         for i, whitened in enumerate(self.whitened):
             size = np.abs(np.nan_to_num(whitened / self.noise, nan=np.inf))
             huber = np.where(np.isfinite(size), np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)), 0.0)
-            self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if self.reject else huber
-
-    def solve(self, progress: Callable[[], None], iterations: int = _ITERATIONS) -> None:
-        """Levenberg-Marquardt from the present values."""
-        damping = 1e-3
-        for segment, weights in zip(self.segments, self.weights, strict=True):
-            weights *= np.isfinite(segment.measured)
-        if not self.fixed_walk:  # the slow disturbance of the temperature may be of the sensor
-            for part in self._parts[TEMPERATURE::3]:
-                doubtful = added(part.response, part.walk, part.at_knots)
-                self.known[part.segment] = self.known[part.segment]._replace(doubtful_c=doubtful)
-        for iteration in range(iterations):
-            progress()
-            self.settle()
-            self.estimate_noise()
-            before, self._parts, _ = self._profile(self.parameters)
-            parts, settled = self.linearised(self.parameters, True), True
-            if self.coloured:
-                earlier = self.autocorrelation.copy()
-                take_likely_colour(self, parts)
-                settled &= bool((np.abs(self.autocorrelation - earlier) < _COLOUR_SETTLED * (1.0 - earlier)).all())
-            if not self.fixed_walk:
-                earlier, self.walk = self.walk, likely_walk(self, parts)
-                settled &= bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
-            if self.coloured or not self.fixed_walk:
-                before, self._parts, _ = self._profile(self.parameters)
-            damping, size = self._descend(self.eliminate(parts, True)[0], before, damping)
-            if damping > _MOST_DAMPED or (iteration >= _LEAST and settled and size < _CONVERGED):
-                break
-        self.settle()
-
-    def _descend(self, border: FloatArray, before: float, damping: float) -> tuple[float, float]:
-        """Move so that the cost does not rise; the next damping, too large if no move does, and its size."""
-        n, lag_s, information = len(self.free), self.lag_s, border[1:, 1:]
-        moving = [*range(n), *([len(information) - 1] if self.lagged else [])]
-        while n and damping <= _MOST_DAMPED:
-            by = _move(border, moving, damping)
-            moved = _moved(self.parameters, self.free, by[:n])
-            if self.lagged:
-                self.lag_s = float(np.clip(lag_s + by[-1], *_LAG_LIMITS_S))
-            after, parts, _ = self._profile(moved)
-            if np.isfinite(after) and after <= before + 1e-6:
-                self.parameters, self._parts = moved, parts
-                return max(damping / 10.0, 1e-9), float(np.sqrt(by @ information[np.ix_(moving, moving)] @ by))
-            damping = max(10.0 * damping, 1e-4)
-        self.lag_s = lag_s
-        return damping, 0.0
-
-
-def _move(border: FloatArray, moving: Sequence[int], damping: float) -> FloatArray:
-    """What moves, damped and bounded."""
-    extra = np.zeros(len(border) - 1)
-    extra[moving] = damping * np.diag(border)[1:][moving]
-    by = np.asarray(np.linalg.solve(border[1:, 1:] + np.diag(extra), border[1:, 0])[moving], dtype=np.float64)
-    return by * min(1.0, _LARGEST_MOVE / max(float(np.abs(by).max()), 1e-12))
-
-
-def _moved(p: ModelParameters, free: Sequence[str], by: FloatArray) -> ModelParameters:
-    """Parameters after a change of their logarithms."""
-    moved = {name: getattr(p, name) * float(np.exp(d)) for name, d in zip(free, by, strict=True)}
-    for name, low, high in (("dead_time_s", STEP_S, 10.0), ("motor_lag_s", 0.02, 10.0)):
-        if name in moved:
-            moved[name] = min(max(moved[name], low), high)
-    return p.changed(**moved)
+            self.weights[i] = np.where(size < OUTLIER, 1.0, 0.0) if reject else huber
 
 
 def _spread(values: FloatArray) -> float:

@@ -10,9 +10,8 @@ import scipy
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
 from fsw_identification import disturbed, estimation, model_file, noise, report, statistics, summary
 from fsw_identification.elimination import knots
-from fsw_identification.evidence import WALK
 from fsw_identification.friction import from_air
-from fsw_identification.problem import HEAT, Problem
+from fsw_identification.problem import HEAT, WALK, Problem
 from fsw_identification.robust import _WINDOW_TICKS, _long_run, long_run_covariance
 from fsw_identification.simulation import (
     DEPTH,
@@ -27,6 +26,7 @@ from fsw_identification.simulation import (
     shown,
     walks,
 )
+from fsw_identification.solver import solve
 from fsw_identification.weld_data import Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
 from fsw_schema.models import InputError
@@ -480,7 +480,7 @@ def widened(noise: FloatArray) -> FloatArray:
     segment = replace(segment, measured=segment.measured + np.array(NOISE) * noise[: segment.n_ticks])
     problem = Problem([segment], OTHER, ("thermal_gain_c_per_kw", "depth_gain_mm_per_kn_s", "sliding_friction"))
     problem.walk = WALK[0]
-    problem.solve(lambda: None)
+    solve(problem, lambda: None)
     ratios = np.diag(long_run_covariance(problem)) / np.diag(np.linalg.inv(problem.information()))
     return np.asarray(ratios[: len(problem.free)])
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
-from fsw_analysis.exceedances import Rounded
 from fsw_analysis.judgement import Verdict
-from fsw_schema.models import InputError, Many, Model, json_content_of, read_text, validate
-
-if TYPE_CHECKING:
-    from fsw_quality.record import PhaseRecord, Record
+from fsw_quality.record_content import Comparison, Figure, PhaseRecord, Record
+from fsw_schema.models import InputError, json_content_of, read_text, validate
 
 #: welds that are compared with at most, the latest, and at least for a standard deviation to be told (chosen)
 MOST, LEAST = 10, 3
@@ -22,35 +18,6 @@ MOST, LEAST = 10, 3
 _BY_MISTAKE = 0.0027
 #: where records are looked for below a folder
 _PLACES = ("record.json", "*/record.json", "*/record/record.json")
-
-
-class Figure(Model):
-    """A figure of a phase, and the same of the accepted welds."""
-
-    phase: str
-    name: str
-    value: Rounded
-    mean: Rounded
-    low: Rounded
-    high: Rounded
-    deviations: Rounded | None = None
-    """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
-
-    is_far: bool = False
-    """whether it is outside of the prediction interval of the next weld"""
-
-
-class Comparison(Model):
-    """With the last accepted welds."""
-
-    welds: Many[str]
-    """names of their bags, the latest last"""
-    figures: Many[Figure]
-
-    @property
-    def far(self) -> list[Figure]:
-        """Figures that are far from those of the others."""
-        return [one for one in self.figures if one.is_far]
 
 
 def accepted_before(folder: Path, record: Record) -> list[Record]:
@@ -61,8 +28,6 @@ def accepted_before(folder: Path, record: Record) -> list[Record]:
     InputError
         The folder has no record, one cannot be read, or two are of the same weld.
     """
-    from fsw_quality.record import Record
-
     paths = sorted({path for place in _PLACES for path in folder.glob(place)})
     if not paths:
         raise InputError(f"{folder}: there is no record to compare with ({', '.join(_PLACES)})")

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from fsw_quality.attestation import IDENTITY
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import Record, make
+from fsw_quality.record import make
+from fsw_quality.record_content import Record
 from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256

@@ -13,7 +13,7 @@ from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import png
 from fsw_analysis.rule_book import Kind
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import Record
+from fsw_quality.record_content import Record
 
 _PANELS = {
     "depth_mm": "depth [mm]",

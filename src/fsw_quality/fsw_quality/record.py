@@ -7,16 +7,14 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, Strict
 
 from fsw_analysis.course import SENSOR_SIGNALS, Course
-from fsw_analysis.exceedances import Exceedance, Pair, Rounded, beyond
-from fsw_analysis.judgement import Evidence, Rule, Verdict, judge
+from fsw_analysis.exceedances import beyond
+from fsw_analysis.judgement import Evidence, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
-from fsw_analysis.procedure import Identity, Procedure, attached
+from fsw_analysis.procedure import Procedure, attached
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -25,14 +23,13 @@ from fsw_control.sensors import REQUIRED
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_S
 from fsw_quality.attestation import IDENTITY, bag_name, software_versions, statement
-from fsw_quality.comparison import Comparison
+from fsw_quality.record_content import BagFile, Envelope, Event, Gap, PhaseRecord, Record, Statistics, TimeOfControl
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import definition_of
 from fsw_recorder.manifest import mapped, sha256
-from fsw_schema.models import Many, Model
 
 #: node that watches the procedure, and where it tells what it finds
 WATCH_NODE, _DIAGNOSTICS = "fsw_procedure", "/diagnostics"
@@ -50,146 +47,6 @@ _SAYS = {
 _KNOWN = (*IDENTITY, "lost_messages")
 #: share of a phase's ticks that must be on record for its heat input (chosen)
 _KNOWN_SHARE = 0.95
-
-
-class BagFile(Model):
-    """A file of the bag."""
-
-    name: str
-    bytes: int
-    sha256: str
-
-
-class Statistics(Model):
-    """Of an error, measured value minus the programme's set-point, in the unit of its name."""
-
-    mean: Rounded
-    sigma: Rounded
-    min: Rounded
-    max: Rounded
-    iae: Rounded
-    """integral of the absolute error, in the unit times s"""
-    inside_share: Rounded | None = None
-    """share of the samples within the procedure's quality limits; without any limit left out"""
-
-
-class Envelope(Model):
-    """Smallest, mean and largest value of a variable."""
-
-    min: Rounded
-    mean: Rounded
-    max: Rounded
-
-
-class PhaseRecord(Model):
-    """Figures of a phase, or of the whole weld."""
-
-    phase: str
-    begin_s: Rounded
-    end_s: Rounded
-    travel_mm: Rounded | None = None
-    missing: int
-    """ticks at which depth, torque or temperature is not on record"""
-    depth_mm: Statistics | None = None
-    temperature_c: Statistics | None = None
-    envelopes: dict[str, Envelope]
-    heat_input_kj_per_mm: Rounded | None = None
-    """work of the spindle, friction in the drive included, per travel"""
-
-
-class TimeOfControl(Model):
-    """Somebody had control on the operator's page."""
-
-    who: str
-    """name and session"""
-    begin_s: Rounded
-    end_s: Rounded
-    """when it was given away or lost, or the end of the weld"""
-
-    @property
-    def words(self) -> str:
-        """In words."""
-        return f"{self.who} from {self.begin_s:.1f} to {self.end_s:.1f} s"
-
-
-class Event(Model):
-    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault, deviation or finding."""
-
-    time_s: Rounded
-    kind: str
-    text: str
-    angle_deg: Rounded | None = None
-
-
-class Gap(Model):
-    """Ticks that are missing on all topics, and where the tool was before and after."""
-
-    begin_s: Rounded
-    duration_s: Rounded
-    angle_deg: Pair | None = None
-    travel_mm: Pair | None = None
-
-
-def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
-    """Hashes of the files with the messages."""
-    return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
-
-
-class Record(Model):
-    """Content of record.json."""
-
-    format: Literal["fsw_weld_record"] = "fsw_weld_record"
-    version: Literal[2] = 2
-    verdict: Annotated[Verdict, Strict(False)]
-    deciding: Rule
-    """the first rule that led to the verdict; of an accepted weld, that all are kept"""
-    rules: Many[Rule]
-    procedure: Identity
-    bag: str
-    """name of the bag"""
-    files: Many[BagFile]
-    proof: Many[str] = ()
-    """whether the bag is as its manifest has it, and who attested it"""
-    identity: dict[str, str]
-    """canister, lid, tool and machine, as far as the recorder was told"""
-    extra: dict[str, str | float | bool] = Field(default_factory=dict)
-    """what else procedure and recorder say of the weld, e.g. operator's qualification, material heat, certificates"""
-    judged_with: dict[str, str] = Field(default_factory=dict)
-    """versions of this product and of the packages that computed the record"""
-    start_ns: int
-    """stamp of the first tick"""
-    simulated_time: bool
-    duration_s: Rounded
-    controllers: Many[str]
-    """whose commands were applied"""
-    operators: Many[str]
-    """who asked for something"""
-    control: Many[TimeOfControl]
-    """who had control and when, as far as it was taken while the recorder ran"""
-    software: dict[str, str]
-    parameters_sha256: dict[str, str]
-    """of each controller"""
-    attachments_sha256: dict[str, str]
-    cannot_say: Many[str]
-    """what the bag does not show, and why"""
-    exceedances: Many[Exceedance]
-    missing: dict[str, int]
-    """samples that are not on record, by variable"""
-    unusable: dict[str, dict[str, int]]
-    """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
-    gaps: Many[Gap]
-    held_s: Rounded
-    """time without automatic control: hold, manual or safe stop"""
-    events: Many[Event]
-    phases: Many[PhaseRecord]
-    """as they were, and the whole weld"""
-    comparison: Comparison | None = None
-    """with the last accepted welds of the procedure, where their records were given"""
-
-    @property
-    def data_files(self) -> tuple[str, ...]:
-        """Hashes of the files with the messages: by them two records of one weld are known."""
-        return data_files(self.files)
 
 
 def make(bag: Path, procedure: Procedure, progress: Callable[[float], None] | None = None) -> tuple[Record, Course]:

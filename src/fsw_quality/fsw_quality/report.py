@@ -14,7 +14,7 @@ from fsw_analysis.course import Course
 from fsw_analysis.report import page, source
 from fsw_quality import figures
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import Record
+from fsw_quality.record_content import Record
 from fsw_recorder.manifest import sha256
 from fsw_schema.files import write_whole
 

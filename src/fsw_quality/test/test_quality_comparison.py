@@ -10,7 +10,8 @@ import pytest
 from fsw_analysis.weld_events import WeldEvent
 from fsw_quality.comparison import MOST, accepted_before, compare
 from fsw_quality.procedure import Procedure
-from fsw_quality.record import BagFile, Record, assemble, times_of_control, told_by_watch
+from fsw_quality.record import assemble, times_of_control, told_by_watch
+from fsw_quality.record_content import BagFile, Record
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.interface_text import interface_definition, interface_hash

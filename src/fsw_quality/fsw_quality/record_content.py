@@ -1,0 +1,183 @@
+"""What the record of a weld holds; its JSON has a schema. :mod:`fsw_quality.record` makes it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import Field, Strict
+
+from fsw_analysis.exceedances import Exceedance, Pair, Rounded
+from fsw_analysis.judgement import Rule, Verdict
+from fsw_analysis.procedure import Identity
+from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_schema.models import Many, Model
+
+
+class BagFile(Model):
+    """A file of the bag."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class Statistics(Model):
+    """Of an error, measured value minus the programme's set-point, in the unit of its name."""
+
+    mean: Rounded
+    sigma: Rounded
+    min: Rounded
+    max: Rounded
+    iae: Rounded
+    """integral of the absolute error, in the unit times s"""
+    inside_share: Rounded | None = None
+    """share of the samples within the procedure's quality limits; without any limit left out"""
+
+
+class Envelope(Model):
+    """Smallest, mean and largest value of a variable."""
+
+    min: Rounded
+    mean: Rounded
+    max: Rounded
+
+
+class PhaseRecord(Model):
+    """Figures of a phase, or of the whole weld."""
+
+    phase: str
+    begin_s: Rounded
+    end_s: Rounded
+    travel_mm: Rounded | None = None
+    missing: int
+    """ticks at which depth, torque or temperature is not on record"""
+    depth_mm: Statistics | None = None
+    temperature_c: Statistics | None = None
+    envelopes: dict[str, Envelope]
+    heat_input_kj_per_mm: Rounded | None = None
+    """work of the spindle, friction in the drive included, per travel"""
+
+
+class TimeOfControl(Model):
+    """Somebody had control on the operator's page."""
+
+    who: str
+    """name and session"""
+    begin_s: Rounded
+    end_s: Rounded
+    """when it was given away or lost, or the end of the weld"""
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return f"{self.who} from {self.begin_s:.1f} to {self.end_s:.1f} s"
+
+
+class Event(Model):
+    """Something that happened: phase, weld, swap, mode, interlock, alarm, operator, fault, deviation or finding."""
+
+    time_s: Rounded
+    kind: str
+    text: str
+    angle_deg: Rounded | None = None
+
+
+class Gap(Model):
+    """Ticks that are missing on all topics, and where the tool was before and after."""
+
+    begin_s: Rounded
+    duration_s: Rounded
+    angle_deg: Pair | None = None
+    travel_mm: Pair | None = None
+
+
+def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
+    """Hashes of the files with the messages."""
+    return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
+
+
+class Figure(Model):
+    """A figure of a phase, and the same of the accepted welds."""
+
+    phase: str
+    name: str
+    value: Rounded
+    mean: Rounded
+    low: Rounded
+    high: Rounded
+    deviations: Rounded | None = None
+    """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
+
+    is_far: bool = False
+    """whether it is outside of the prediction interval of the next weld"""
+
+
+class Comparison(Model):
+    """With the last accepted welds."""
+
+    welds: Many[str]
+    """names of their bags, the latest last"""
+    figures: Many[Figure]
+
+    @property
+    def far(self) -> list[Figure]:
+        """Figures that are far from those of the others."""
+        return [one for one in self.figures if one.is_far]
+
+
+class Record(Model):
+    """Content of record.json."""
+
+    format: Literal["fsw_weld_record"] = "fsw_weld_record"
+    version: Literal[2] = 2
+    verdict: Annotated[Verdict, Strict(False)]
+    deciding: Rule
+    """the first rule that led to the verdict; of an accepted weld, that all are kept"""
+    rules: Many[Rule]
+    procedure: Identity
+    bag: str
+    """name of the bag"""
+    files: Many[BagFile]
+    proof: Many[str] = ()
+    """whether the bag is as its manifest has it, and who attested it"""
+    identity: dict[str, str]
+    """canister, lid, tool and machine, as far as the recorder was told"""
+    extra: dict[str, str | float | bool] = Field(default_factory=dict)
+    """what else procedure and recorder say of the weld, e.g. operator's qualification, material heat, certificates"""
+    judged_with: dict[str, str] = Field(default_factory=dict)
+    """versions of this product and of the packages that computed the record"""
+    start_ns: int
+    """stamp of the first tick"""
+    simulated_time: bool
+    duration_s: Rounded
+    controllers: Many[str]
+    """whose commands were applied"""
+    operators: Many[str]
+    """who asked for something"""
+    control: Many[TimeOfControl]
+    """who had control and when, as far as it was taken while the recorder ran"""
+    software: dict[str, str]
+    parameters_sha256: dict[str, str]
+    """of each controller"""
+    attachments_sha256: dict[str, str]
+    cannot_say: Many[str]
+    """what the bag does not show, and why"""
+    exceedances: Many[Exceedance]
+    missing: dict[str, int]
+    """samples that are not on record, by variable"""
+    unusable: dict[str, dict[str, int]]
+    """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
+    gaps: Many[Gap]
+    held_s: Rounded
+    """time without automatic control: hold, manual or safe stop"""
+    events: Many[Event]
+    phases: Many[PhaseRecord]
+    """as they were, and the whole weld"""
+    comparison: Comparison | None = None
+    """with the last accepted welds of the procedure, where their records were given"""
+
+    @property
+    def data_files(self) -> tuple[str, ...]:
+        """Hashes of the files with the messages: by them two records of one weld are known."""
+        return data_files(self.files)
