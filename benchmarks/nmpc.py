@@ -44,7 +44,7 @@ from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, objective
+from fsw_test_support.nmpc_ipopt import ReferenceSolver, cumulation, input_bounds, largest_moves, objective
 from fsw_test_support.nmpc_problems import make_library, predict, problem_of, random_problem, solve, use_solver
 
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
@@ -241,7 +241,7 @@ class Comparison:
 
     def _beyond(self, problem: Any, moves: Vector) -> float:
         """By how much moves are beyond the limits, in largest moves."""
-        largest = np.outer(self._horizon.block_reach, list(self._tuning.move_max)).ravel()
+        largest = np.outer(self._horizon.block_reach, largest_moves(self._tuning)).ravel()
         low, high = input_bounds(problem, self._tuning, self._horizon)
         reached = cumulation(self._horizon) @ moves
         return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))

@@ -28,7 +28,7 @@ import numpy as np
 from nmpc import COLD_TOLERANCES, make, problems_of_weld
 from report import parser, save, show
 
-from fsw_nmpc.library import KERNEL, Library
+from fsw_nmpc.library import KERNEL, Library, tuning_of
 from fsw_test_support.nmpc_problems import solve
 
 MORE = 10
@@ -74,7 +74,7 @@ def main() -> int:
                 more = f"  for (int more = 0; more < {MORE}; more++) {{ {work} }}\n"
                 (sources / name).write_text(text.replace(before, more + before), encoding="utf-8")
             built = replace(KERNEL, folder=sources).build(Path(scratch) / "kernel.so")
-            return Library(settings.model, horizon, settings.struct(), KERNEL.ffi.dlopen(str(built)))
+            return Library(settings.model, horizon, tuning_of(settings), KERNEL.ffi.dlopen(str(built)))
 
     whole_ms, iterations = solve_ms(changed(None))
     share = {part: (solve_ms(changed(part))[0] / whole_ms - 1.0) / MORE for part in PARTS}

@@ -41,7 +41,15 @@ from nmpc import make, problems_of_weld
 from report import Figures, parser, save, show
 
 from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import cumulation, input_bounds, squares
+from fsw_test_support.nmpc_ipopt import (
+    cumulation,
+    input_bounds,
+    largest_moves,
+    move_squares,
+    move_weights,
+    squares,
+    weights,
+)
 from fsw_test_support.nmpc_problems import predict, solve
 
 #: options of the solvers that differ from CasADi's; tolerances so that costs agree to SAME_COST
@@ -101,9 +109,9 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
     """The QP of a problem, linearised about a plan, with a variable for every violation and size of a move."""
     h, t = library.horizon, library.state.tuning
     n = 2 * h.n_blocks
-    largest = np.outer(h.block_reach, list(t.move_max)).ravel()
+    largest = np.outer(h.block_reach, largest_moves(t)).ravel()
     length = np.repeat(h.block_sizes, 2) * largest
-    square = np.tile(list(t.move_square), h.n_blocks) * length * largest / np.repeat(h.block_reach, 2)
+    square = np.tile(move_squares(t), h.n_blocks) * length * largest / np.repeat(h.block_reach, 2)
     weighed = squares(problem, t)
     hessian, gradient, constant = np.diag(square + _LEAST_CURVATURE), np.zeros(n), 0.0
     rows, low, high, weight = [], [], [], []
@@ -115,12 +123,12 @@ def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
             hessian += weighed[q] * np.outer(row, row)
             gradient -= weighed[q] * centre * row
             constant += 0.5 * weighed[q] * centre**2
-            if t.weight[q] > 0.0:
+            if weights(t)[q] > 0.0:
                 rows.append(row)
                 low.append(band[0, i])
                 high.append(band[1, i])
-                weight.append(t.weight[q])
-    move_weight = np.tile(list(t.move_weight), h.n_blocks) * length
+                weight.append(weights(t)[q])
+    move_weight = np.tile(move_weights(t), h.n_blocks) * length
     sized = np.flatnonzero(move_weight > 0.0)
     n_soft, n_sized = len(rows), len(sized)
     outputs, moves = np.array(rows).reshape(n_soft, n), np.eye(n)[sized]
@@ -216,7 +224,7 @@ def compare(preset: str, quick: bool) -> Figures:
         whole_s = median_s(lambda problem=problem, plan=plan: solve(library, problem, plan))
         own_s = whole_s - prediction_s
         series["iterations"].append(library.output.iterations)
-        largest = np.outer(library.horizon.block_reach, list(library.state.tuning.move_max)).ravel()
+        largest = np.outer(library.horizon.block_reach, largest_moves(library.state.tuning)).ravel()
         series["active"].append(qp.active(own_moves / largest))
         costs = {"own": qp.cost(own_moves / largest)}
         for name in names:

@@ -21,7 +21,7 @@ from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Library, SolveStatus, Vector
-from fsw_test_support.nmpc_ipopt import ReferenceSolver
+from fsw_test_support.nmpc_ipopt import ReferenceSolver, input_ranges, largest_moves, move_weights, weights
 from fsw_test_support.nmpc_prediction import N_START, start_vector
 
 
@@ -47,7 +47,7 @@ Kept = Callable[..., Any]
 def rivals(parameters: ModelParameters, library: Library) -> dict[str, Solve | None]:
     """Solvers by name, None where one is not installed; for the library's horizon and its tuning of now."""
     h, t = library.horizon, library.state.tuning
-    if h.n_blocks != h.n_out or any(t.square) or any(t.move_square):
+    if h.n_blocks != h.n_out or t.depth_scale_mm or t.temperature_scale_c or t.full_move_cost:
         raise ValueError("the rivals are told L1 costs, and a move in every interval")
     return {
         "ipopt": by_casadi(parameters, library, "ipopt"),
@@ -172,21 +172,21 @@ def gekko_apopt(p: ModelParameters, h: Horizon, t: Any) -> Solve:
 
         moves: list[Any] = []
         for j in range(2 * h.n_out):
-            largest = t.move_max[j % 2]
+            largest = largest_moves(t)[j % 2]
             moves.append(m.Var(value=0.0, lb=-largest, ub=largest))
             size = m.Var(value=0.0, lb=0.0)
             m.Equation(size >= moves[j])
             m.Equation(size >= -moves[j])
-            m.Minimize(t.move_weight[j % 2] * size)
+            m.Minimize(move_weights(t)[j % 2] * size)
         for i, depth, temperature, *inputs in along(p, h, problem, moves, kept):
             for q, output in enumerate((depth, temperature)):
-                inputs[q].lower, inputs[q].upper = t.input_min[q], t.input_max[q]
+                inputs[q].lower, inputs[q].upper = input_ranges(t)[q]
                 if (h.depth_width, h.temperature_width)[q][i] == 0:
                     continue
                 over = m.Var(value=0.0, lb=0.0)
                 m.Equation(output - over <= problem.high[q][i])
                 m.Equation(output + over >= problem.low[q][i])
-                m.Minimize(t.weight[q] * over)
+                m.Minimize(weights(t)[q] * over)
         m.options.SOLVER = 1
         m.options.MAX_ITER = 1000
         began = cpu_now_s()
@@ -276,7 +276,7 @@ class DoMpc:
         band, outputs = model.tvp["band"], (model.aux["depth"], model.aux["tool_end"])
         mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = self._n_steps, STEP_S, False
         mpc.settings.supress_ipopt_output()
-        cost = sum(t.move_weight[q] * size[q] + t.weight[q] * over[q] for q in range(2))
+        cost = sum(move_weights(t)[q] * size[q] + weights(t)[q] * over[q] for q in range(2))
         mpc.set_objective(mterm=ca.DM(0), lterm=cost)
         mpc.set_rterm(**dict.fromkeys(self._MOVES, 0.0))
         for q, output in enumerate(outputs):
@@ -287,11 +287,11 @@ class DoMpc:
                 "down": -move[q] - size[q],
             }.items():
                 mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
-            mpc.bounds["lower", "_u", self._MOVES[q]] = -t.move_max[q]
-            mpc.bounds["upper", "_u", self._MOVES[q]] = t.move_max[q]
+            mpc.bounds["lower", "_u", self._MOVES[q]] = -largest_moves(t)[q]
+            mpc.bounds["upper", "_u", self._MOVES[q]] = largest_moves(t)[q]
             mpc.bounds["lower", "_u", self._SIZES[q]] = mpc.bounds["lower", "_u", self._OVERS[q]] = 0.0
             name = self._INPUTS[q]
-            mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]
+            mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = input_ranges(t)[q]
         template = mpc.get_tvp_template()
 
         def at(_: float) -> Any:
@@ -332,6 +332,6 @@ class DoMpc:
         def found(name: str) -> Vector:
             return np.array([float(mpc.opt_x_num["_u", k, 0, name]) for k in range(self._n_steps)])
 
-        costs = [t.move_weight[q] * found(self._SIZES[q]) + t.weight[q] * found(self._OVERS[q]) for q in range(2)]
+        costs = [move_weights(t)[q] * found(self._SIZES[q]) + weights(t)[q] * found(self._OVERS[q]) for q in range(2)]
         moves = np.column_stack([found(name)[self._begins] for name in self._MOVES])
         return Answer(cpu_s, moves.ravel(), float(np.sum(costs)))

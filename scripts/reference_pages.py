@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
@@ -21,7 +21,7 @@ from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import INCLUDE, ParameterSpec, parse
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
-from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_nmpc.tuning import AdaptationTuning, ApproachTuning, EstimatorTuning, Tuning
 from fsw_quality.attestation import Attestation
 from fsw_recorder.findings import Code
 from fsw_recorder.manifest import Manifest
@@ -88,7 +88,7 @@ def parameters() -> dict[str, str]:
                 pages[name] = page(title, *intro, *more, *parameter_table(single))
                 back = [f"The groups {names}; [the other parameters]({name}.md).", ""]
                 pages[f"{name}-groups"] = page(f"{title}: groups", *back, *parameter_table(groups))
-    pages["parameters-tuning"] = tuning_file()
+    pages |= tuning_file()
     return pages | {
         "parameters": page(
             "Parameters",
@@ -101,22 +101,30 @@ def parameters() -> dict[str, str]:
     }
 
 
-def tuning_file() -> str:
-    """Fields of the NMPC's tuning file."""
+def tuning_file() -> dict[str, str]:
+    """Fields of the NMPC's tuning file: trajectories and cost; estimator and what is used of its estimates."""
     presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
-    meaning = meanings(Tuning) | {f"estimator.{name}": text for name, text in meanings(EstimatorTuning).items()}
-    rows = []
-    for name, text in meaning.items():
-        if name != "estimator":
-            values = map(attrgetter(name), presets)
-            shown = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
-            rows.append((f"`{name}`", *shown, text))
-    return page(
-        "Tuning file of the NMPC",
-        "Fields of the file that the parameter `tuning_file` names.",
-        "",
-        *table(("field", "`default`", "`paper`", "meaning"), rows),
-    )
+
+    def rows(model: type[Model], place: str = "") -> Iterator[tuple[object, ...]]:
+        for name, text in meanings(model).items():
+            values = [attrgetter(place + name)(preset) for preset in presets]
+            if not isinstance(values[0], Model):
+                yield (f"`{place}{name}`", *(f"{v:.6g}" if isinstance(v, float) else v for v in values), text)
+
+    header, name = ("field", "`default`", "`paper`", "meaning"), "parameters-tuning"
+    own = (*rows(Tuning), *rows(ApproachTuning, "approach."))
+    estimates = (*rows(EstimatorTuning, "estimator."), *rows(AdaptationTuning, "adaptation."))
+    intro = "Fields of the file that the parameter `tuning_file` names"
+    more, back = f"[Those of the estimator]({name}-estimator.md).", f"[The others]({name}.md)."
+    return {
+        name: page("Tuning file of the NMPC", f"{intro}. {more}", "", *table(header, own)),
+        f"{name}-estimator": page(
+            "Tuning file of the NMPC: estimator",
+            f"{intro}: those of the estimator. {back}",
+            "",
+            *table(header, estimates),
+        ),
+    }
 
 
 def meanings(model: type[Model]) -> dict[str, str]:

@@ -79,7 +79,7 @@ def _declarations(header: Path) -> str:
     """A header as cffi takes it: included headers in place, of the preprocessor's lines only integer constants."""
     text = re.sub(r'#include "(.+)"', lambda found: _declarations(header.parent / found[1]), header.read_text("utf-8"))
     text = re.sub(r"#ifdef __cplusplus.*?#endif", "", text, flags=re.DOTALL)
-    return re.sub(r"^#(?!define \w+ +\d+ *(/\*.*)?$).*", "", text, flags=re.MULTILINE)
+    return re.sub(r"^#(?!define \w+ +\d+ *(/\*.*)?$)(.*\\\n)*.*", "", text, flags=re.MULTILINE)
 
 
 @dataclass(frozen=True)

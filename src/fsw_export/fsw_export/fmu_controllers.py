@@ -16,29 +16,31 @@ from fsw_export.sources import ControllerSources, sources_of
 from fsw_export.templates import render
 from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
+from fsw_nmpc.tuning import MOVE_COSTS, WALKS
 
-#: parameters of the decentralized controller's node, and where they are in the library's tuning
-_DECENTRAL = {name: name for name in Gains.model_fields} | {
+#: the limits' parameters of both nodes, and their names in the libraries' tunings
+_LIMITS = {
     "force_min": "force_min_kn",
     "force_max": "force_max_kn",
     "speed_min": "speed_min_rpm",
     "speed_max": "speed_max_rpm",
     "force_step": "force_step_kn",
     "speed_step": "speed_step_rpm",
+    "blind_limit": "blind_limit_s",
+}
+#: parameters of the decentralized controller's node, and where they are in the library's tuning
+_DECENTRAL = {name: name for name in Gains.model_fields} | {
+    **_LIMITS,
     "friction.constant": "friction[0]",
     "friction.linear": "friction[1]",
     "friction.quadratic": "friction[2]",
     "spindle_inertia": "spindle_inertia_kgm2",
     "nominal_torque": "nominal_torque_nm",
-    "blind_limit": "blind_limit_s",
 }
 _TYPE = {"real": "Real", "int": "Integer", "bool": "Boolean"}
 #: parameters of the NMPC's node that its FMU has as its own
-_NMPC = (
-    *("depth_aggressiveness", "temperature_aggressiveness", "calmness"),
-    *("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step"),
-    *("blind_limit", "max_iterations", "plan_reuse"),
-)
+_KNOBS, _COUNTS = ("depth_aggressiveness", "temperature_aggressiveness", "calmness"), ("max_iterations", "plan_reuse")
+_NMPC = (*_KNOBS, *_LIMITS, *_COUNTS)
 #: signals that the FMU sets itself
 _OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
 #: the one future set-point that the FMU takes
@@ -56,7 +58,8 @@ def nmpc(choice: Choice) -> Content:
     specs = load("fsw_nmpc", "nmpc.yaml")
     values = validate(specs, choice.parameters)
     sources = sources_of(NmpcController(values))
-    return _content(sources, [parameter(specs[name], values[name]) for name in _NMPC], choice, source("tune_nmpc.h"))
+    tune = render("tune_nmpc.h", move_costs=MOVE_COSTS, walks=WALKS, reals=_LIMITS, integers=_COUNTS)
+    return _content(sources, [parameter(specs[name], values[name]) for name in _NMPC], choice, tune)
 
 
 def decentral(choice: Choice) -> Content:

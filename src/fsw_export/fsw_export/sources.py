@@ -16,7 +16,7 @@ from fsw_export.signals import DECENTRAL_INPUTS, DECENTRAL_OUTPUTS, NMPC_INPUTS,
 from fsw_export.templates import render
 from fsw_nmpc import NmpcController
 from fsw_nmpc.library import KERNEL as NMPC
-from fsw_nmpc.library import Tables
+from fsw_nmpc.library import Tables, tuning_of
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,17 @@ class ControllerSources:
 
     @cached_property
     def _tables(self) -> str:
-        ffi = self.library.ffi
-        structs = {  # a pointer is the name of its array
-            kind: {
-                field: field if member.type.kind == "pointer" else getattr(struct, field)
-                for field, member in ffi.typeof(struct).item.fields
-            }
-            for kind, struct in self.structs.items()
-        }
+        structs = {kind: self._members(struct[0]) for kind, struct in self.structs.items()}
         arrays = {name: array.ravel().tolist() for name, array in self.arrays.items()}
         return render("tables.c", prefix=self.prefix, arrays=arrays, structs=structs)
+
+    def _members(self, struct: Any) -> dict[str, Any]:
+        """Values of a struct's members; a pointer is the name of its array."""
+        values = {}
+        for field, member in self.library.ffi.typeof(struct).fields:
+            kind, value = member.type.kind, getattr(struct, field)
+            values[field] = field if kind == "pointer" else self._members(value) if kind == "struct" else value
+        return values
 
     @cached_property
     def digest(self) -> str:
@@ -99,7 +100,7 @@ def sources_of(controller: NmpcController | DecentralController) -> ControllerSo
             "FSW_MAX_HISTORY": tables.model.n_history,
         },
         arrays=tables.arrays,
-        structs={"model": tables.model, "tuning": controller.settings.struct()},
+        structs={"model": tables.model, "tuning": tuning_of(controller.settings)},
         inputs=NMPC_INPUTS,
         outputs=NMPC_OUTPUTS,
     )

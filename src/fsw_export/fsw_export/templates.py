@@ -9,7 +9,9 @@ from fsw_analysis.report import templates
 
 
 def _c(value: Any) -> str:
-    """A number or an array of numbers as a C constant, exactly."""
+    """A number, an array of numbers or a struct of those as a C constant, exactly."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f".{name} = {_c(member)}" for name, member in value.items()) + "}"
     if hasattr(value, "__len__"):
         return "{" + ", ".join(map(_c, value)) + "}"
     return {inf: "INFINITY", -inf: "-INFINITY"}.get(value) or repr(value)

@@ -14,7 +14,7 @@ from fsw_control.parameters import defaults, load, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc.deviation import output_deviations
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus
+from fsw_nmpc.library import KERNEL, Doubt, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.settings import Settings
 
@@ -113,7 +113,7 @@ class NmpcController:
         merged = self._values | dict(values)
         new = Settings.of(merged)
         self._values, self.settings = merged, new
-        self.library.configure(new.struct())
+        self.library.configure(tuning_of(new))
         self._prepare()
 
     def _use(self, settings: Settings, library: Library) -> None:
@@ -151,7 +151,7 @@ class NmpcController:
             self._failure = f"that of {self._blocks} blocks stays in use: {made}"
             self._complain(Reason(ReasonCode.HORIZON, detail=self._failure).words)
         else:
-            made.configure(self.settings.struct())
+            made.configure(tuning_of(self.settings))
             made.go_on_from(self.library)
             self._use(self.settings, made)
 
@@ -247,6 +247,6 @@ class NmpcController:
 def _make(settings: Settings) -> Library:
     """The library for the settings."""
     try:
-        return Library(settings.model, horizon_of(settings.model, settings.tuning.blocks), settings.struct())
+        return Library(settings.model, horizon_of(settings.model, settings.tuning.blocks), tuning_of(settings))
     except (RuntimeError, OSError) as error:
         raise ValueError(f"nmpc: {error}") from None

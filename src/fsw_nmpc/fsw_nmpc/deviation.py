@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_control import weld
-from fsw_nmpc.library import KERNEL, State
+from fsw_nmpc.library import KERNEL, State, pointer
 
 Vector = NDArray[np.float64]
 
@@ -34,9 +34,11 @@ def output_deviations(controller: Any, time_s: Vector) -> tuple[Vector, Vector]:
     -------
     depth, temperature : (n,) array
     """
-    estimator, noise = controller.estimator, controller.tuning.noise
+    estimator, tuning = controller.estimator, KERNEL.ffi.addressof(controller.tuning, "estimator")
     covariance = _matrix(estimator.p)
-    walk = np.array([value * value for value in controller.tuning.walk])
+    walks = np.empty(len(State))
+    KERNEL.lib.fsw_estimator_walk(tuning, pointer(walks))
+    walk = walks * walks
     if not estimator.is_excited:  # the gain is held
         walk[State.DEPTH_GAIN] = 0.0
     if not estimator.is_telling:
@@ -45,7 +47,7 @@ def output_deviations(controller: Any, time_s: Vector) -> tuple[Vector, Vector]:
     rows = _rows_ahead(_rows(controller), _matrix(estimator.a), ticks[-1])
     known = ((rows[ticks] @ covariance) * rows[ticks]).sum(axis=2)
     walked = np.cumsum(rows**2 @ walk, axis=0)[ticks - 1]
-    depth, temperature = (known + walked + [noise[0] ** 2, noise[2] ** 2]).T
+    depth, temperature = (known + walked + [tuning.depth_noise_mm**2, tuning.temperature_noise_c**2]).T
     return np.sqrt(np.maximum(depth, 0.0)), np.sqrt(np.maximum(temperature, 0.0))
 
 

@@ -1,6 +1,6 @@
-"""Writes the kernel's model function, ``kernel/torque.c``, from the CasADi equations.
+"""Writes the kernel's generated files: the torque from the CasADi equations, the struct of the tuning from its models.
 
-Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22).
+Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22) or of the tuning's fields.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import cast
 import casadi as ca
 
 from fsw_model import ModelParameters, equations
+from fsw_nmpc import tuning_struct
 
 #: Parameters of the torque function, in the order of the kernel's ``torque_par``.
 TORQUE_PARAMETERS = (
@@ -25,7 +26,6 @@ TORQUE_PARAMETERS = (
     "geometry_offset_m3",
     "geometry_factor",
 )
-SOURCE = Path(__file__).parent / "kernel" / "torque.c"
 
 
 def torque_function() -> ca.Function:
@@ -63,6 +63,13 @@ def generate() -> str:
     )
 
 
+def files() -> dict[Path, str]:
+    """The generated files with their text."""
+    folder = Path(__file__).parent / "kernel"
+    return {folder / "torque.c": generate(), folder / "fsw_nmpc_tuning.h": tuning_struct.header()}
+
+
 if __name__ == "__main__":
-    SOURCE.write_text(generate(), encoding="utf-8")
-    print(f"wrote {SOURCE.name}", file=sys.stderr)
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path.name}", file=sys.stderr)

@@ -14,6 +14,8 @@ from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes
 from fsw_nmpc.horizon import Horizon, make_horizon
 from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS
+from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning_struct import values
 
 Vector = NDArray[np.float64]
 
@@ -23,8 +25,11 @@ Reason = KERNEL.enum("fsw_reason", "FSW_")
 Doubt = KERNEL.enum("fsw_doubt", "FSW_DOUBT_")
 Missing = KERNEL.enum("fsw_missing", "FSW_NO_")
 State = KERNEL.enum("fsw_state", "FSW_")
-Trajectory = KERNEL.enum("fsw_trajectory", "FSW_")
-Priority = KERNEL.enum("fsw_priority", "FSW_KEEP_")
+
+
+def tuning_of(settings: Settings) -> Any:
+    """The settings as the library takes them, a ``fsw_nmpc_tuning *``."""
+    return KERNEL.new("fsw_nmpc_tuning", **values(settings))
 
 
 class Tables:
@@ -37,7 +42,7 @@ class Tables:
         for segment, weight in zip(ahead.weight_segment, ahead.weight, strict=True):
             by_power[:, 3 * segment : 3 * segment + 3] = weight.reshape(2, 3)
         poles, gains = depth_modes(p)
-        values: dict[str, Any] = {
+        numbers: dict[str, Any] = {
             "n_steps": len(h.step_length_s),
             "n_weights": len(h.weight),
             "ahead_power": by_power,
@@ -50,12 +55,12 @@ class Tables:
             "inertia_nm_s_per_rpm": p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM,
         }
         for field, _ in KERNEL.ffi.typeof("fsw_nmpc_model").fields:
-            if field not in values:  # it is a number or a table of this name
-                values[field] = getattr(h if hasattr(h, field) else p, field)
+            if field not in numbers:  # it is a number or a table of this name
+                numbers[field] = getattr(h if hasattr(h, field) else p, field)
         #: what the model's pointers refer to, by field
-        self.arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        self.arrays = {name: value for name, value in numbers.items() if isinstance(value, np.ndarray)}
         self._pointers = {name: pointer(array) for name, array in self.arrays.items()}
-        self.model = KERNEL.new("fsw_nmpc_model", **(values | self._pointers))  #: a ``fsw_nmpc_model *``
+        self.model = KERNEL.new("fsw_nmpc_model", **(numbers | self._pointers))  #: a ``fsw_nmpc_model *``
 
 
 class Library(CController):

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from fsw_control import Limits
-from fsw_control.parameters import load, validate
+from fsw_control.parameters import defaults, load, validate
 from fsw_model import ModelParameters, nominal
-from fsw_nmpc.tuning import Tuning
+from fsw_nmpc.tuning import Priority, Tuning
+
+_DEFAULTS = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +21,11 @@ class Settings:
     model: ModelParameters
     tuning: Tuning
     limits: Limits
-    priority: str
-    max_iterations: int
-    plan_reuse: int
-    blind_limit_s: float
-    preview: bool
-
-    def struct(self) -> Any:
-        """The library's part of the settings."""
-        return self.tuning.struct(
-            self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s, priority=self.priority
-        )
+    priority: Priority = _DEFAULTS["priority"]
+    max_iterations: int = _DEFAULTS["max_iterations"]
+    plan_reuse: int = _DEFAULTS["plan_reuse"]
+    blind_limit_s: float = _DEFAULTS["blind_limit"]
+    preview: bool = _DEFAULTS["preview"]
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:

@@ -5,32 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import exp
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, NonNegativeFloat, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from fsw_control import Limits, weld
-from fsw_control.parameters import defaults, load
+from fsw_control import weld
 from fsw_model import STEP_S, ModelParameters
-from fsw_nmpc.library import KERNEL, Priority, State, Trajectory
-from fsw_schema.models import Model, content_of, problem, read_text, validate
+from fsw_schema.models import Many, Model, content_of, problem, read_text, validate
 
 #: Reference trajectories, see ``kernel/trajectory.c``.
-TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
+Trajectory = Literal["approach", "constant", "cold_start", "recentred", "recentred_ahead"]
 #: What the approach keeps where the inputs' bounds do not permit both set-points.
-PRIORITIES = tuple(priority.name.lower() for priority in Priority)
+Priority = Literal["depth", "balance", "temperature"]
+TRAJECTORIES, PRIORITIES = get_args(Trajectory), get_args(Priority)
+#: A number of at least 0 and at most 1.
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 #: By preset: the temperature's approach takes this share of the dead time. Margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = {"default": 0.3, "adaptive": 0.36}
-#: Where an output may give way: share by which the depth waits for what the speed can compensate, by priority.
-_HELD_SHARE = {"depth": 0.0, "balance": 0.5, "temperature": 1.0}
-#: defaults of the node's parameters
-_NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 
-def _known(trajectory: str) -> str:
-    if trajectory not in TRAJECTORIES:
-        raise ValueError(f"is {trajectory!r}; one of {', '.join(TRAJECTORIES)}")
-    return trajectory
+def _keep(memory_s: float) -> float:
+    """Share that is left after a tick of what fades with a time constant."""
+    return exp(-STEP_S / memory_s) if memory_s > 0.0 else 0.0
 
 
 class EstimatorTuning(Model):
@@ -71,6 +67,59 @@ class EstimatorTuning(Model):
     """innovations of the temperature whose sum over about ten seconds is further off are heat that the model lacks;
     0: never"""
 
+    start_deviation: Annotated[Many[NonNegativeFloat], Field(min_length=15, max_length=15)] = (
+        *(5e-3, 1e-3, 0.5, 0.2, 2.0),
+        *(0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2, 0.3, 0.4),
+    )
+    """standard deviations at the start, in the order of `fsw_state`: creep, slow, copper, tool, motor, force, heat,
+    torque scale, offsets, their rates, depth gain, thermal gain, delay"""
+    torque_scale_min: NonNegativeFloat = 0.4
+    """smallest estimate of the factor on the process torque"""
+    torque_scale_max: NonNegativeFloat = 2.5
+    """largest estimate of the factor on the process torque"""
+    depth_gain_min: NonNegativeFloat = 0.6
+    """smallest estimate of the factor on the gain of the depth"""
+    depth_gain_max: NonNegativeFloat = 1.6
+    """largest estimate of the factor on the gain of the depth"""
+    thermal_gain_min: NonNegativeFloat = 0.5
+    """smallest estimate of the factor on the effect of the power"""
+    thermal_gain_max: NonNegativeFloat = 2.0
+    """largest estimate of the factor on the effect of the power"""
+    delay_max_s: NonNegativeFloat = 1.0
+    """largest estimate of the delay, either way from the middle of its range, and at most half the dead time"""
+    depth_max_mm: NonNegativeFloat = 20.0
+    """a greater depth is not of this process"""
+    temperature_deviation_max_c: NonNegativeFloat = 800.0
+    """a temperature further from the operating temperature is not of this process"""
+    force_offset_max_kn: NonNegativeFloat = 50.0
+    """a greater disturbance force is not of this process"""
+    torque_outlier_factor: Annotated[float, Field(ge=1.0)] = 3.0
+    """torque samples further from their expectation by this factor are rejected"""
+    torque_min_nm: PositiveFloat = 100.0
+    """smallest torque by which a jump of the torque scale is measured"""
+    torque_peak_noise_share: Share = 0.3
+    """share of the inertia's peak that counts as noise: the drive's own lag smears it over two ticks"""
+    jump_offset_share: Share = 0.5
+    """share of the variance of a jump of the depth that the sensor's offset gets; the tool's own depth gets the rest"""
+    drift_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
+    """share of the sum of the depth's innovations that is left after a tick: it covers about a second"""
+    heat_keep: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.99
+    """share of the sum of the temperature's innovations that is left after a tick: it covers about ten seconds"""
+    heat_steady_sigmas: NonNegativeFloat = 1.0
+    """largest innovation in the sum that shows whether they last"""
+    heat_steady_sum: NonNegativeFloat = 57.0
+    """innovations last once that sum is larger: eight seconds of one sign, where they are large"""
+    heat_wait_s: NonNegativeFloat = 15.0
+    """innovations last once they are beyond heat_sigmas for longer, where they are small"""
+    heat_start_s: NonNegativeFloat = 3.0
+    """time from the start during which innovations need not last, as nothing has jumped"""
+    excitation_force_kn: NonNegativeFloat = 0.3
+    """the gain of the depth is estimated while the force has moved by more within two seconds"""
+    excitation_power_kw: NonNegativeFloat = 1.0
+    """gain and delay of the power are estimated once it has moved by more within a dead time"""
+    excitation_power_s: NonNegativeFloat = 10.0
+    """time for which they are then estimated, after a dead time: some lags of the tool"""
+
     @model_validator(mode="after")
     def _check_heat(self) -> EstimatorTuning:
         if self.heat_sigmas > 0.0 and not self.thermal_gain_walk > 0.0:
@@ -78,33 +127,85 @@ class EstimatorTuning(Model):
             raise problem(text, "heat_sigmas")
         return self
 
-    def walks(self) -> tuple[float, ...]:
-        """The walks in the library's order of states; slow and tool do not walk by themselves."""
-        walk = [0.0] * len(State)
-        walk[0], walk[2], walk[4:] = (
-            self.creep_walk_mm,
-            self.copper_walk_c,
-            (
-                self.motor_walk_nm,
-                self.force_walk_kn,
-                self.heat_walk_kw,
-                self.torque_scale_walk,
-                self.depth_offset_walk_mm,
-                self.temperature_offset_walk_c,
-                self.depth_rate_walk_mm_per_s,
-                self.temperature_rate_walk_c_per_s,
-                self.depth_gain_walk,
-                self.thermal_gain_walk,
-                self.delay_walk_s,
-            ),
-        )
-        return tuple(walk)
+    @property
+    def offset_keep(self) -> Share:
+        """Share of the two offsets that is left after a tick."""
+        return _keep(self.offset_memory_s)
+
+    @property
+    def depth_rate_keep(self) -> Share:
+        """Share of the rate of the depth's offset that is left after a tick."""
+        return _keep(self.depth_rate_memory_s)
+
+    @property
+    def temperature_rate_keep(self) -> Share:
+        """Share of the rate of the temperature's offset that is left after a tick."""
+        return _keep(self.temperature_rate_memory_s)
+
+
+#: the estimator's random walks, which ``calmness`` divides
+WALKS = tuple(name for name in EstimatorTuning.model_fields if "_walk" in name)
+#: costs of moves, which ``calmness`` multiplies
+MOVE_COSTS = ("move_force_per_kn", "move_speed_per_rpm", "full_move_cost")
+
+
+class AdaptationTuning(Model):
+    """Use of the estimated gain and delay of the power, see ``kernel/adapt.c``."""
+
+    rival_share: NonNegativeFloat = 0.6
+    """standard deviation of the rival's delay at its start, in halves of its range"""
+    evidence_max: NonNegativeFloat = 10.0
+    """logarithm of the likelihoods' ratio at which the rival takes over"""
+    counter_evidence_max: NonNegativeFloat = 20.0
+    """no more is counted against the rival, so that it can still take over later"""
+    certain_sigmas: NonNegativeFloat = 3.0
+    """the value in use is the one nearest to the model's that lies within so many standard deviations"""
+    gain_step: NonNegativeFloat = 0.01
+    """largest change per tick of the gain in use"""
+    delay_step_s: NonNegativeFloat = 0.05
+    """largest change per tick of the delay in use"""
+    misfit_keep: Share = 0.98
+    """share of the mean square of the innovations that is left after a tick: it covers about five seconds"""
+    misfit_max: NonNegativeFloat = 4.0
+    """mean square of the innovations, 1 where they are as expected, above which no gain and delay fit"""
+    power_memory_s: PositiveFloat = 20.0
+    """time constant of the mean power that heats alike with the gain in use and the estimated one"""
+
+
+class ApproachTuning(Model):
+    """The approach to a set-point, see ``kernel/trajectory.c``."""
+
+    force_time_s: PositiveFloat = 0.4
+    """second, faster time constant of the depth: the force needs some ticks"""
+    power_time_s: PositiveFloat = 0.3
+    """second, faster time constant of the temperature: the power needs some ticks"""
+    depth_acceleration: NonNegativeFloat = 1.55
+    """factor by which the depth may accelerate faster than the speed can hold the power; more would disturb the
+    temperature"""
+    haste: NonNegativeFloat = 0.3
+    """where the temperature gives way, share by which the depth accelerates faster still while it is twice its quality
+    limit from its set-point or further; less below, at that limit not at all, as a tool that jumps is to take no more
+    of the temperature"""
+    brake_share: Share = 0.8
+    """usable share of the acceleration when braking"""
+    rate_share: Share = 0.8
+    """usable share of the temperature's maximum rate"""
+    depth_approach_keep: Share = 0.8
+    """share of the last tick's planned rate of the depth that is kept, to smooth noise"""
+    temperature_approach_keep: Share = 0.93
+    """share of the last tick's planned rate of the temperature that is kept, to smooth noise"""
+    least_force_kn: NonNegativeFloat = 1.0
+    """a plant that cannot move gets at least so much force about the force that holds"""
+    least_rate_c_per_s: NonNegativeFloat = 0.005
+    """a plant that cannot heat gets at least this rate"""
+    least_power_kw: NonNegativeFloat = 1.0
+    """smallest power that holds a temperature"""
 
 
 class Tuning(Model):
-    """Reference trajectories, cost and estimator."""
+    """Reference trajectories, cost and estimator; the kernel has all fields and properties under the same names."""
 
-    trajectory: Annotated[str, AfterValidator(_known)] = "approach"
+    trajectory: Trajectory = "approach"
     """reference trajectory: approach, constant, cold_start, recentred or recentred_ahead"""
     depth_time_s: NonNegativeFloat = 1.0
     """time constant of the approach near the set-point, or of the corridor (tau_t)"""
@@ -128,9 +229,9 @@ class Tuning(Model):
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
     temperature_scale_c: NonNegativeFloat = 0.2
     """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
-    yield_depth_mm: NonNegativeFloat = 0.0
+    huber_depth_mm: NonNegativeFloat = 0.0
     """where the temperature has priority: deviation of the depth beyond which its cost is linear; 0: never"""
-    yield_temperature_c: NonNegativeFloat = 0.0
+    huber_temperature_c: NonNegativeFloat = 0.0
     """where the depth has priority (balance: twice this): deviation of the temperature beyond which its cost is linear;
     0: never, and the depth always waits for what the speed can compensate"""
     quality_weight_per_mm: NonNegativeFloat = 0.0
@@ -145,20 +246,24 @@ class Tuning(Model):
     """quadratic cost of an interval's move, twice that of the largest move, for both inputs"""
     blocks: Literal[20, 54] = 20
     """20: blocks of moves over the 54 intervals; 54: a move in every interval, as in the paper"""
+    tolerance: NonNegativeFloat = 1e-6
+    """of the solver: complementarity gap relative to 1 + |cost|"""
+    approach: ApproachTuning = ApproachTuning()
     estimator: EstimatorTuning = EstimatorTuning()
+    adaptation: AdaptationTuning = AdaptationTuning()
 
     @model_validator(mode="after")
     def _check_approach(self) -> Tuning:
         for name in ("depth_time_s", "temperature_time_s"):
             if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
                 raise problem(f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name)
-        for name in ("yield_depth_mm", "yield_temperature_c"):
+        for name in ("huber_depth_mm", "huber_temperature_c"):
             if getattr(self, name) > 0.0 and (self.weight_depth_per_mm > 0.0 or self.weight_temperature_per_c > 0.0):
                 raise problem("does not go with an L1 weight of the outputs", name)
-        if self.yield_depth_mm > 0.0 and not self.depth_scale_mm > 0.0:
-            raise problem("needs a depth_scale_mm", "yield_depth_mm")
-        if self.yield_temperature_c > 0.0 and not self.temperature_scale_c > 0.0:
-            raise problem("needs a temperature_scale_c", "yield_temperature_c")
+        if self.huber_depth_mm > 0.0 and not self.depth_scale_mm > 0.0:
+            raise problem("needs a depth_scale_mm", "huber_depth_mm")
+        if self.huber_temperature_c > 0.0 and not self.temperature_scale_c > 0.0:
+            raise problem("needs a temperature_scale_c", "huber_temperature_c")
         if self.quality_temperature_min_c >= self.quality_temperature_max_c:
             raise problem("is not above quality_temperature_min_c", "quality_temperature_max_c")
         return self
@@ -203,65 +308,22 @@ class Tuning(Model):
         calmness : float
             Multiplies the cost of moves and divides the random walks of the estimator.
         """
-        e = self.estimator
-        walks = {name: value / calmness for name, value in e if "_walk" in name}
         return self.changed(
             depth_time_s=self.depth_time_s / depth_aggressiveness,
             temperature_time_s=self.temperature_time_s / temperature_aggressiveness,
-            full_move_cost=self.full_move_cost * calmness,
-            move_force_per_kn=self.move_force_per_kn * calmness,
-            move_speed_per_rpm=self.move_speed_per_rpm * calmness,
-            estimator=e.changed(**walks),
+            **{name: getattr(self, name) * calmness for name in MOVE_COSTS},
+            estimator=self.estimator.changed(**{name: getattr(self.estimator, name) / calmness for name in WALKS}),
         )
 
-    def _knees(self, priority: str) -> tuple[float, float]:
-        """Deviations beyond which the cost of depth and temperature is linear, by who gives way."""
-        depth_mm = self.yield_depth_mm if priority == "temperature" else 0.0
-        return depth_mm, self.yield_temperature_c * {"depth": 1.0, "balance": 2.0, "temperature": 0.0}[priority]
+    @property
+    def depth_corridor_keep(self) -> Share:
+        """Share of the distance to the set-point that is left after a tick of the depth's corridor."""
+        return _keep(self.depth_time_s)
 
-    def struct(
-        self,
-        limits: Limits,
-        max_iterations: int = _NODE["max_iterations"],
-        plan_reuse: int = _NODE["plan_reuse"],
-        blind_limit_s: float = _NODE["blind_limit"],
-        priority: str = _NODE["priority"],
-    ) -> Any:
-        """The tuning as the library takes it."""
-        e = self.estimator
-        times = (self.depth_time_s, self.temperature_time_s)
-        rate_memories_s = (e.depth_rate_memory_s, e.temperature_rate_memory_s)
-        return KERNEL.new(
-            "fsw_nmpc_tuning",
-            trajectory=TRAJECTORIES.index(self.trajectory),
-            priority=PRIORITIES.index(priority),
-            max_iterations=max_iterations,
-            plan_reuse=plan_reuse,
-            time_s=times,
-            corridor_decay=tuple(exp(-STEP_S / time_s) if time_s > 0.0 else 0.0 for time_s in times),
-            dead_band=(self.dead_band_depth_mm, self.dead_band_temperature_c),
-            quality_depth_mm=self.quality_depth_mm,
-            quality_temp_c=(self.quality_temperature_min_c, self.quality_temperature_max_c),
-            weight=(self.weight_depth_per_mm, self.weight_temperature_per_c),
-            square=tuple(1.0 / s**2 if s > 0.0 else 0.0 for s in (self.depth_scale_mm, self.temperature_scale_c)),
-            knee=self._knees(priority),
-            held_share=_HELD_SHARE[priority] if self.yield_temperature_c > 0.0 else 1.0,
-            window_weight=(self.quality_weight_per_mm, self.quality_weight_per_c),
-            move_weight=(self.move_force_per_kn, self.move_speed_per_rpm),
-            move_square=(self.full_move_cost / limits.force_step_kn**2, self.full_move_cost / limits.speed_step_rpm**2),
-            move_max=(limits.force_step_kn, limits.speed_step_rpm),
-            input_min=(limits.force_min_kn, limits.speed_min_rpm),
-            input_max=(limits.force_max_kn, limits.speed_max_rpm),
-            tolerance=1e-6,
-            noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
-            walk=e.walks(),
-            offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,
-            rate_keep=tuple(exp(-STEP_S / s) if s > 0.0 else 0.0 for s in rate_memories_s),
-            jump_sigmas=e.jump_sigmas,
-            drift_sigmas=e.drift_sigmas,
-            heat_sigmas=e.heat_sigmas,
-            blind_limit_s=blind_limit_s,
-        )
+    @property
+    def temperature_corridor_keep(self) -> Share:
+        """Share of the distance to the set-point that is left after a tick of the temperature's corridor."""
+        return _keep(self.temperature_time_s)
 
     @classmethod
     def from_file(cls, path: str | Path, base: Tuning) -> Tuning:
@@ -289,9 +351,9 @@ def _over(base: dict[str, Any], content: Any) -> Any:
 #: of the power are estimated, and heat that the model lacks is found. Values chosen on 60 random plants, the last one
 #: on 12 canisters that conduct heat.
 ADAPTIVE = Tuning(
-    yield_depth_mm=0.005,
+    huber_depth_mm=0.005,
     temperature_scale_c=0.3,
-    yield_temperature_c=1.0,
+    huber_temperature_c=1.0,
     quality_weight_per_mm=1e5,
     quality_weight_per_c=5e3,
     estimator=EstimatorTuning(

@@ -5,6 +5,8 @@ import pytest
 
 from fsw_model import ProcessModel, nominal
 from fsw_model.equations import COPPER
+from fsw_nmpc.library import tuning_of
+from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, EstimatorTuning, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
@@ -265,6 +267,6 @@ def test_tuning_changes_at_runtime():
     watch = Watch(noise=True)
     watch.run(200)
     before = watch.x
-    watch.library.configure(Tuning(estimator=EstimatorTuning(depth_noise_mm=0.01)).struct(LIMITS))
+    watch.library.configure(tuning_of(Settings(P, Tuning(estimator=EstimatorTuning(depth_noise_mm=0.01)), LIMITS)))
     watch.run(1)
     assert watch.x[[0, 2, 3]] == pytest.approx(before[[0, 2, 3]], abs=0.05)

@@ -2,15 +2,18 @@
 
 import subprocess
 from dataclasses import replace
+from functools import reduce
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from fsw_model import nominal
+from fsw_nmpc import tuning_struct
 from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
-from fsw_nmpc.library import KERNEL, Library, Tables
-from fsw_nmpc.tuning import Tuning
+from fsw_nmpc.library import KERNEL, Library, Tables, tuning_of
+from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
@@ -49,7 +52,9 @@ int main(void) {
     if (k % 150 == 149) fsw_nmpc_reset(c, sample(60, 95), sample(300, 500));
     if (k % 31 == 30) { /* a tuning that cannot be used changes nothing */
       fsw_nmpc_tuning wrong = tuning;
-      wrong.move_max[k % 2] = sample(-1, 0); wrong.noise[k % 3] = NAN;
+      double *numbers[5] = {&wrong.force_step_kn, &wrong.speed_step_rpm, &wrong.estimator.depth_noise_mm,
+                            &wrong.estimator.torque_noise_nm, &wrong.estimator.temperature_noise_c};
+      *numbers[k % 2] = sample(-1, 0); *numbers[2 + k % 3] = NAN;
       if (!fsw_nmpc_configure(c, &wrong)) { free(c); return 6; }
     }
     if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_nmpc_configure(c, &tuning); }
@@ -83,7 +88,10 @@ def tables_of(library):
     ]
 
     def text(value):
-        return "{" + ", ".join(map(repr, value)) + "}" if isinstance(value, ffi.CData) else repr(value)
+        if not isinstance(value, ffi.CData):
+            return repr(value)
+        parts = dir(value) if ffi.typeof(value).kind == "struct" else ()
+        return "{" + ", ".join([f".{part} = {text(getattr(value, part))}" for part in parts] or map(repr, value)) + "}"
 
     for kind, name, struct in (
         ("const fsw_nmpc_model", "model", library._tables.model),
@@ -155,6 +163,19 @@ def test_every_size_is_checked(horizon):
         make_library(horizon=horizon)
 
 
+def test_generated_struct_of_the_tuning_is_up_to_date():
+    assert (KERNEL.folder / "fsw_nmpc_tuning.h").read_text(encoding="utf-8") == tuning_struct.header()
+
+
+def test_every_field_of_the_tuning_reaches_the_kernel():
+    """A field that is left out is one that the kernel has in another form."""
+    fields = {*Tuning.model_fields, *(f"estimator.{name}" for name in EstimatorTuning.model_fields)}
+    ours = {".".join(path) for path in numbers(KERNEL.ffi.typeof("fsw_nmpc_tuning"))}
+    memories = {"offset_memory_s", "depth_rate_memory_s", "temperature_rate_memory_s"}
+    parts = {"approach", "estimator", "adaptation"}
+    assert fields - ours == {"trajectory", "blocks", *parts, *(f"estimator.{name}" for name in memories)}
+
+
 @pytest.mark.slow
 def test_structs_are_those_of_the_header(tmp_path):
     """Sizes in Python and in C are equal, field by field offsets too."""
@@ -168,9 +189,9 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     built = KERNEL.ffi.dlopen(str(KERNEL.build(tmp_path / "zig.so")))
-    usual, zig = make_library(20), Library(P, horizon_of(P, 20), Tuning().struct(LIMITS), built)
+    usual, zig = make_library(20), Library(P, horizon_of(P, 20), tuning_of(Settings(P, Tuning(), LIMITS)), built)
     for library in (usual, zig):
-        library.configure(Tuning().struct(LIMITS))
+        library.configure(tuning_of(Settings(P, Tuning(), LIMITS)))
         given = library.input
         given.depth_mm, given.torque_nm, given.temperature_c = 2.66, 1052.86, 816.4
         given.depth_fresh = given.torque_fresh = given.temperature_fresh = True
@@ -212,7 +233,7 @@ def test_model_that_is_none_is_refused(field, value):
         ("max_iterations", 0),
         ("max_iterations", 2**31 - 1),
         ("tolerance", -1.0),
-        ("offset_keep", 5.0),
+        ("temperature_corridor_keep", 5.0),
         ("plan_reuse", -1),
     ],
 )
@@ -225,11 +246,35 @@ def test_tuning_that_is_none_is_refused(field, value):
     assert getattr(library.state.tuning, field) != value
 
 
+def numbers(kind, prefix=()):
+    """Paths of all real numbers in a struct."""
+    for name, field in kind.fields:
+        if field.type.kind == "struct":
+            yield from numbers(field.type, (*prefix, name))
+        elif "double" in field.type.cname:
+            yield (*prefix, name)
+
+
+@pytest.mark.parametrize("path", list(numbers(KERNEL.ffi.typeof("fsw_nmpc_tuning"))), ids=".".join)
+def test_number_that_is_negative_or_not_finite_is_refused(path):
+    library = make_library(20)
+    for value in (-1.0, float("nan"), float("inf")):
+        tuning = copy_of(library.state.tuning)
+        part = reduce(getattr, path[:-1], tuning)
+        if path[-1] == "start_deviation":
+            part.start_deviation[14] = value
+        else:
+            setattr(part, path[-1], value)
+        with pytest.raises(ValueError, match="tuning"):
+            library.configure(tuning)
+
+
 @pytest.mark.parametrize("q", [0, 1])
 def test_bounds_without_room_between_are_refused(q):
     library = make_library(20)
     tuning = copy_of(library.state.tuning)
-    tuning.input_min[q] = tuning.input_max[q]
+    least, most = (("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm"))[q]
+    setattr(tuning, least, getattr(tuning, most))
     with pytest.raises(ValueError, match="tuning"):
         library.configure(tuning)
 

@@ -6,19 +6,27 @@ import pytest
 from fsw_control import Reference
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
-from fsw_nmpc.library import KERNEL, SolveStatus
+from fsw_nmpc.library import KERNEL, SolveStatus, tuning_of
+from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import ADAPTIVE, PAPER, PRIORITIES, Tuning
 from fsw_test_support.nmpc_ipopt import cumulation, input_bounds, objective, squares
 from fsw_test_support.nmpc_loop import Loop
 from fsw_test_support.nmpc_problems import LIMITS, predict, random_problem, solve
 
 P = nominal()
-NEAR_KNEE, NEAR_LIMIT = 0.5, 0.1  # as in rows.c
+NEAR_HUBER, NEAR_LIMIT = 0.5, 0.1  # as in rows.c
 WEAK = P.scaled(sticking_stress_pa=0.85, sliding_friction=0.85)  # the speed is near its bound
 
 
+def huber_of(tuning):
+    """Huber thresholds of both outputs, by who gives way."""
+    depth, balance = (tuning.priority == PRIORITIES.index(name) for name in ("depth", "balance"))
+    depth_mm = 0.0 if depth or balance else tuning.huber_depth_mm
+    return depth_mm, tuning.huber_temperature_c * (1.0 if depth else 2.0 if balance else 0.0)
+
+
 def yielding(problem, tuning, horizon, at, outputs):
-    """What the cost of outputs has besides :func:`objective`: linear beyond a knee, and quality limits at block ends.
+    """Cost of outputs beyond :func:`objective`: linear beyond a Huber threshold; quality limits at block ends.
 
     As in the library, a side is in use only where the outputs ``at``, without moves, come near it.
     """
@@ -29,9 +37,9 @@ def yielding(problem, tuning, horizon, at, outputs):
             np.array(list(problem.high[q][0 : horizon.n_out])),
         )
         used = (horizon.depth_width, horizon.temperature_width)[q] > 0
-        if (knee := tuning.knee[q]) > 0.0:
-            beyond = np.maximum(np.abs(output - low) - knee, 0.0)
-            bent = used & (np.abs(at[q] - low) > NEAR_KNEE * knee)
+        if (huber := huber_of(tuning)[q]) > 0.0:
+            beyond = np.maximum(np.abs(output - low) - huber, 0.0)
+            bent = used & (np.abs(at[q] - low) > NEAR_HUBER * huber)
             total -= float((0.5 * squares(problem, tuning)[q] * beyond**2)[bent].sum())
         least, most = problem.window_low[q], problem.window_high[q]
         near = NEAR_LIMIT * (most - least)
@@ -39,19 +47,19 @@ def yielding(problem, tuning, horizon, at, outputs):
         if q == 0:
             limited &= (low <= most) & (high >= least)
         outside = np.maximum(output - np.maximum(most, high), 0.0) + np.maximum(np.minimum(least, low) - output, 0.0)
-        total += float((tuning.window_weight[q] * outside)[limited].sum())
+        total += float(((tuning.quality_weight_per_mm, tuning.quality_weight_per_c)[q] * outside)[limited].sum())
     return total
 
 
 @pytest.mark.parametrize("priority", PRIORITIES)
 def test_no_feasible_point_is_better(library20, rng, priority):
-    """Of the problem with linear outputs, linear costs beyond knees and quality limits in it."""
+    """Of the problem with linear outputs, linear costs beyond thresholds and quality limits in it."""
     h = library20.horizon
     largest = np.outer(h.block_reach, [LIMITS.force_step_kn, LIMITS.speed_step_rpm]).ravel()
     active = 0
     for _ in range(6):
         problem = random_problem(rng, library20, P, ADAPTIVE)
-        library20.configure(ADAPTIVE.struct(LIMITS, 100, priority=priority))
+        library20.configure(tuning_of(Settings(P, ADAPTIVE, LIMITS, priority, max_iterations=100)))
         tuning, goal = library20.state.tuning, problem.low[0][h.n_out - 1]
         problem.window_low, problem.window_high = (goal - 0.1, 790.0), (goal + 0.1, 910.0)
         still = np.zeros(2 * h.n_blocks)
@@ -134,13 +142,13 @@ def errors_with(tuning):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"yield_temperature_c": 0.5, "weight_temperature_per_c": 1.0},
-        {"yield_depth_mm": 0.005, "depth_scale_mm": 0.0},
-        {"yield_temperature_c": 0.5, "temperature_scale_c": 0.0},
+        {"huber_temperature_c": 0.5, "weight_temperature_per_c": 1.0},
+        {"huber_depth_mm": 0.005, "depth_scale_mm": 0.0},
+        {"huber_temperature_c": 0.5, "temperature_scale_c": 0.0},
     ],
 )
 def test_what_contradicts_itself_is_refused(changes):
-    with pytest.raises(ValueError, match="yield_"):
+    with pytest.raises(ValueError, match="huber_"):
         Tuning().changed(**changes)
-    with pytest.raises(ValueError, match="yield_"):
-        PAPER.changed(yield_depth_mm=0.1)
+    with pytest.raises(ValueError, match="huber_"):
+        PAPER.changed(huber_depth_mm=0.1)

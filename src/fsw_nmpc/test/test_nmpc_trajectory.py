@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from fsw_control import Limits
 from fsw_model import nominal
 from fsw_model.equations import process_torque_nm
+from fsw_nmpc.library import tuning_of
+from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, PRIORITIES, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
@@ -24,7 +26,7 @@ def trajectories(
     library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks=1, changes=(), limits=LIMITS, priority="depth"
 ):
     """Depth and temperature over the horizon at rest at the operating point, for set-points."""
-    library.configure((tuning or Tuning()).struct(limits, priority=priority))
+    library.configure(tuning_of(Settings(nominal(), tuning or Tuning(), limits, priority)))
     library.reset(78.4, REST_RPM)
     given_, h = library.input, library.horizon
     given_.depth_mm, given_.torque_nm, given_.temperature_c = 2.66, 1052.8585402958927, 816.4

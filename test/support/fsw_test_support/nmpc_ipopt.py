@@ -25,15 +25,41 @@ def cumulation(horizon: Horizon) -> Vector:
 def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, Vector]:
     """Bounds (2 n_blocks,) on the inputs' change at the end of every block, relaxed to what can be reached."""
     share = KERNEL.lib.FSW_RETURN_PERCENT / 100.0
-    reach = share * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), list(tuning.move_max))
+    reach = share * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), largest_moves(tuning))
     now = np.array([problem.start.force_kn, problem.start.speed_rpm])
-    low, high = np.array(list(tuning.input_min)) - now, np.array(list(tuning.input_max)) - now
+    low, high = np.array(input_ranges(tuning)).T - now
     return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
+
+
+def input_ranges(tuning: Any) -> list[tuple[float, float]]:
+    """Bounds of force and speed."""
+    return [(tuning.force_min_kn, tuning.force_max_kn), (tuning.speed_min_rpm, tuning.speed_max_rpm)]
+
+
+def largest_moves(tuning: Any) -> list[float]:
+    """Largest moves of force and speed per tick."""
+    return [tuning.force_step_kn, tuning.speed_step_rpm]
+
+
+def weights(tuning: Any) -> list[float]:
+    """L1 weights of depth and temperature."""
+    return [tuning.weight_depth_per_mm, tuning.weight_temperature_per_c]
+
+
+def move_weights(tuning: Any) -> list[float]:
+    """L1 weights of the moves of force and speed."""
+    return [tuning.move_force_per_kn, tuning.move_speed_per_rpm]
+
+
+def move_squares(tuning: Any) -> list[float]:
+    """Quadratic costs of the moves of force and speed."""
+    return [tuning.full_move_cost / largest**2 for largest in largest_moves(tuning)]
 
 
 def squares(problem: Any, tuning: Any) -> tuple[float, float]:
     """Quadratic costs of depth and temperature."""
-    return tuning.square[0], tuning.square[1] * problem.temp_cost
+    depth, temperature = (1.0 / s**2 if s > 0.0 else 0.0 for s in (tuning.depth_scale_mm, tuning.temperature_scale_c))
+    return depth, temperature * problem.temp_cost
 
 
 def objective(
@@ -51,9 +77,9 @@ def objective(
         reached = (horizon.depth_width, horizon.temperature_width)[q] > 0
         outside = np.maximum(output - high, 0.0) + np.maximum(low - output, 0.0)
         bent = 0.5 * square[q] * (output - 0.5 * (low + high)) ** 2
-        total += float((tuning.weight[q] * outside + bent)[reached].sum())
+        total += float((weights(tuning)[q] * outside + bent)[reached].sum())
     pairs = np.abs(moves.reshape(-1, 2))
-    each = pairs @ list(tuning.move_weight) + 0.5 * pairs**2 @ list(tuning.move_square) / horizon.block_reach
+    each = pairs @ move_weights(tuning) + 0.5 * pairs**2 @ move_squares(tuning) / horizon.block_reach
     return total + float(horizon.block_sizes @ each)
 
 
@@ -120,9 +146,9 @@ class ReferenceSolver:
         h, t = self._library.horizon, self._library.state.tuning
         n, r, n_out = 2 * h.n_blocks, 2 * h.n_out, h.n_out
         nothing = np.full(n_out, np.nan)
-        largest, sizes = np.outer(h.block_reach, list(t.move_max)).ravel(), np.repeat(h.block_sizes, 2)
+        largest, sizes = np.outer(h.block_reach, largest_moves(t)).ravel(), np.repeat(h.block_sizes, 2)
         reached = np.concatenate([h.depth_width > 0, h.temperature_width > 0])
-        weight = np.repeat(list(t.weight), n_out) * reached
+        weight = np.repeat(weights(t), n_out) * reached
         input_low, input_high = input_bounds(problem, t, h)
         start, history = start_vector(problem.start, h), list(problem.start.history[0 : 3 * h.n_history])
         parameter = np.concatenate(
@@ -130,8 +156,8 @@ class ReferenceSolver:
                 start, history, largest,
                 weight, np.repeat(squares(problem, t), n_out) * reached,
                 *(list(side[q][0:n_out]) for side in (problem.low, problem.high) for q in (0, 1)),
-                np.tile(list(t.move_weight), h.n_blocks) * sizes * largest,
-                np.tile(list(t.move_square), h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),
+                np.tile(move_weights(t), h.n_blocks) * sizes * largest,
+                np.tile(move_squares(t), h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),
             ]
         )  # fmt: skip
         if not np.isfinite(parameter).all():

@@ -11,7 +11,8 @@ from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.horizon import Horizon, horizon_of
-from fsw_nmpc.library import KERNEL, Library, SolveStatus, pointer
+from fsw_nmpc.library import KERNEL, Library, SolveStatus, pointer, tuning_of
+from fsw_nmpc.settings import Settings
 from fsw_nmpc.tuning import PAPER, Tuning
 
 Vector = NDArray[np.float64]
@@ -27,8 +28,8 @@ def make_library(
 ) -> Library:
     """A library with the horizon of ``blocks`` blocks, or with ``horizon``."""
     p = parameters or nominal()
-    struct = (tuning or Tuning()).struct(LIMITS, max_iterations)
-    return Library(p, horizon or horizon_of(p, blocks), struct)
+    settings = Settings(p, tuning or Tuning(), LIMITS, max_iterations=max_iterations)
+    return Library(p, horizon or horizon_of(p, blocks), tuning_of(settings))
 
 
 class Solver(Protocol):
@@ -148,7 +149,7 @@ def random_problem(
     """A problem from a random start to a random set-point; gives the library a random tuning unless one is given."""
     p, h = parameters, library.horizon
     tuning = tuning or random_tuning(rng)
-    library.configure(tuning.struct(LIMITS, library.state.tuning.max_iterations))
+    library.configure(tuning_of(Settings(p, tuning, LIMITS, max_iterations=library.state.tuning.max_iterations)))
     start = random_start(rng, h, p)
     problem = KERNEL.new("fsw_problem", start=start[0], temp_cost=rng.uniform(1.0, 12.5))
     temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c

@@ -85,29 +85,26 @@ static int is_finite_model(const fsw_nmpc_model *m) {
 }
 
 static int is_usable(const fsw_nmpc_tuning *t) {
-  double sum = 0.0, least = 0.0;
-  const double one[11] = {t->tolerance,       t->offset_keep,       t->rate_keep[0],  t->rate_keep[1],
-                          t->jump_sigmas,     t->drift_sigmas,      t->heat_sigmas,   t->blind_limit_s,
-                          t->quality_depth_mm, t->quality_temp_c[0], t->quality_temp_c[1]};
-  for (int i = 0; i < 11; i++) add(one[i], &sum, &least);
-  for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
-  for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
-  for (int q = 0; q < 2; q++) {
-    const double two[11] = {t->time_s[q],      t->corridor_decay[q], t->dead_band[q], t->weight[q],
-                            t->square[q],      t->move_weight[q],    t->move_square[q], t->input_min[q],
-                            t->input_max[q],   t->knee[q],           t->window_weight[q]};
-    for (int i = 0; i < 11; i++) add(two[i], &sum, &least);
-    if (!(t->held_share >= 0.0 && t->held_share <= 1.0)) return 0;
-    if (t->knee[q] > 0.0 && (t->weight[0] > 0.0 || t->weight[1] > 0.0 || t->knee[!q] > 0.0 || !(t->square[q] > 0.0))) return 0;
-    if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
-    if (t->rate_keep[q] > 1.0 || t->corridor_decay[q] > 1.0) return 0;
-    if (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S)) return 0;
-  }
-  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0) return 0;
-  if (t->heat_sigmas > 0.0 && !(t->walk[FSW_THERMAL_GAIN] > 0.0)) return 0; /* with a wrong gain the loop would swing */
+  double sum = 0.0, least = 0.0, largest_share = 0.0;
+#define ADD(number) add(t->number, &sum, &least);
+#define COMPARE(share) largest_share = t->share > largest_share ? t->share : largest_share;
+  FSW_EACH_NUMBER(ADD)
+  FSW_EACH_SHARE(COMPARE)
+  if (!fsw_is_finite(sum) || least < 0.0 || largest_share > 1.0) return 0;
+  for (int q = 0; q < 2; q++)
+    if (!(fsw_reach(t, q) > 0.0) || !(fsw_least(t, q) < fsw_most(t, q))) return 0;
+  if (t->huber_depth_mm > 0.0 && !(t->depth_scale_mm > 0.0)) return 0;
+  if (t->huber_temperature_c > 0.0 && !(t->temperature_scale_c > 0.0)) return 0;
+  if (t->huber_depth_mm + t->huber_temperature_c > 0.0 && t->weight_depth_per_mm + t->weight_temperature_per_c > 0.0) return 0;
+  if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0 && t->adaptation.power_memory_s > 0.0)) return 0;
+  if (!(t->estimator.torque_outlier_factor >= 1.0 && t->estimator.torque_min_nm > 0.0)) return 0;
+  if (!(t->estimator.drift_keep < 1.0 && t->estimator.heat_keep < 1.0)) return 0;
+  if (t->trajectory == FSW_APPROACH && !(t->depth_time_s >= FSW_TICK_S && t->temperature_time_s >= FSW_TICK_S)) return 0;
+  /* with a wrong gain the loop would swing */
+  if (t->estimator.heat_sigmas > 0.0 && !(t->estimator.thermal_gain_walk > 0.0)) return 0;
   if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED_AHEAD) return 0;
   if (t->priority < FSW_KEEP_DEPTH || t->priority > FSW_KEEP_TEMPERATURE) return 0;
-  if (t->quality_temp_c[0] > t->quality_temp_c[1]) return 0;
+  if (t->quality_temperature_min_c > t->quality_temperature_max_c) return 0;
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
 }
 
@@ -116,8 +113,8 @@ int fsw_nmpc_init(fsw_nmpc *c, const fsw_nmpc_model *model, const fsw_nmpc_tunin
   c->model = *model;
   c->tuning = *tuning;
   c->bad_cycles = 0;
-  for (int q = 0; q < 2; q++) c->applied[q] = 0.5 * (tuning->input_min[q] + tuning->input_max[q]);
-  fsw_nmpc_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
+  for (int q = 0; q < 2; q++) c->applied[q] = 0.5 * (fsw_least(tuning, q) + fsw_most(tuning, q));
+  fsw_nmpc_reset(c, model->operating_force_kn, 0.5 * (tuning->speed_min_rpm + tuning->speed_max_rpm));
   return 0;
 }
 
@@ -135,14 +132,14 @@ static void clear_plan(fsw_nmpc *c) {
 
 /* Distance of what is applied from the bounds; positive outside. */
 static double outside(const fsw_nmpc *c, int q) {
-  const double above = c->unclipped[q] - c->tuning.input_max[q], below = c->tuning.input_min[q] - c->unclipped[q];
+  const double above = c->unclipped[q] - fsw_most(&c->tuning, q), below = fsw_least(&c->tuning, q) - c->unclipped[q];
   return above > below ? above : below;
 }
 
 /* Whether no command is both within the bounds and one step of what is applied. */
 static int is_out_of_bounds(const fsw_nmpc *c) {
   for (int q = 0; q < 2; q++)
-    if (outside(c, q) > c->tuning.move_max[q] + ROUNDED) return 1;
+    if (outside(c, q) > fsw_reach(&c->tuning, q) + ROUNDED) return 1;
   return 0;
 }
 
@@ -154,14 +151,14 @@ static void take_applied(fsw_nmpc *c, double force_kn, double speed_rpm) {
   for (int q = 0; q < 2; q++) c->unclipped[q] = is_known ? given[q] : c->applied[q];
   const int is_believed = !is_out_of_bounds(c);
   for (int q = 0; q < 2; q++)
-    c->applied[q] = fsw_clip(is_believed ? c->unclipped[q] : c->applied[q], c->tuning.input_min[q], c->tuning.input_max[q]);
+    c->applied[q] = fsw_clip(is_believed ? c->unclipped[q] : c->applied[q], fsw_least(&c->tuning, q), fsw_most(&c->tuning, q));
 }
 
 /* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
 static double limited(const fsw_nmpc *c, int q, double wanted) {
   const fsw_nmpc_tuning *t = &c->tuning;
-  const double near = fsw_clip(wanted, c->unclipped[q] - t->move_max[q], c->unclipped[q] + t->move_max[q]);
-  return fsw_clip(near, t->input_min[q], t->input_max[q]);
+  const double near = fsw_clip(wanted, c->unclipped[q] - fsw_reach(t, q), c->unclipped[q] + fsw_reach(t, q));
+  return fsw_clip(near, fsw_least(t, q), fsw_most(t, q));
 }
 
 void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
@@ -203,7 +200,7 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
   fsw_adaptation_start(c);
-  if (!fsw_estimator_start(&c->estimator, &c->model, &c->tuning, &now)) return 0;
+  if (!fsw_estimator_start(&c->estimator, &c->model, &c->tuning.estimator, &now)) return 0;
   c->adaptation.heat_kw = c->estimator.x[FSW_HEAT];
   c->adaptation.power_kw = c->estimator.power[0];
   return 1;
@@ -212,12 +209,13 @@ static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
 /* How far the two offsets move over the horizon while their rates leak. */
 static void take_drifts(fsw_nmpc *c) {
   const double *x = c->estimator.x;
+  const double keep[2] = {c->tuning.estimator.depth_rate_keep, c->tuning.estimator.temperature_rate_keep};
   double drift[2] = {0.0, 0.0}, rate[2] = {x[FSW_DEPTH_RATE], x[FSW_TEMP_RATE]}, now_s = 0.0;
   for (int i = 0; i < c->model.n_out; i++) {
     for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S)
       for (int q = 0; q < 2; q++) {
         drift[q] += FSW_TICK_S * rate[q];
-        rate[q] *= c->tuning.rate_keep[q];
+        rate[q] *= keep[q];
       }
     for (int q = 0; q < 2; q++) c->problem.start.drift[q][i] = drift[q];
   }
@@ -308,12 +306,12 @@ static int judge(const fsw_nmpc *c, const double *moves, const double *depth, co
   for (int i = 0; i < m->n_out; i++) sum += depth[i] + temp[i];
   if (!fsw_is_finite(sum)) return FSW_NOT_FINITE;
   for (int q = 0; q < 2; q++) {
-    const double now = c->applied[q], slack = ACCEPTED * t->move_max[q];
-    const double low = t->input_min[q], high = t->input_max[q];
+    const double now = c->applied[q], slack = ACCEPTED * fsw_reach(t, q);
+    const double low = fsw_least(t, q), high = fsw_most(t, q);
     double input = now, reach = 0.0;
     for (int i = 0; i < m->n_out; i++) {
       const int b = m->interval_block[i];
-      const double move = moves[2 * b + q], most = t->move_max[q] * m->block_reach[b];
+      const double move = moves[2 * b + q], most = fsw_reach(t, q) * m->block_reach[b];
       if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
       input += move;
       reach += FSW_RETURN_PERCENT / 100.0 * most; /* an input outside its bounds must come back, as fast as it may */
@@ -421,7 +419,7 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
 /* Whether the next move is so far from the one about which the model was linearised that a second solve is worth it. */
 static int is_far(const fsw_nmpc *c, const double *moves, const double *about) {
   for (int q = 0; q < 2; q++)
-    if (fabs(moves[q] - about[q]) > FAR * c->tuning.move_max[q]) return 1;
+    if (fabs(moves[q] - about[q]) > FAR * fsw_reach(&c->tuning, q)) return 1;
   return 0;
 }
 

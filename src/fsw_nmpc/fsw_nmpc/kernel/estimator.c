@@ -25,37 +25,9 @@
 
 #define N FSW_STATES
 
-/* beyond these an estimate is not of this process */
-#define DEEPEST_MM 20.0
-#define LARGEST_DEVIATION_C 800.0
-#define LARGEST_OFFSET_KN 50.0
-#define LEAST_SCALE 0.4
-#define LARGEST_SCALE 2.5
-#define TORQUE_FACTOR 3.0 /* a torque sample further from its expectation is none */
-#define LEAST_TORQUE_NM 100.0
-/* share of the recent innovations' sum that is left after a tick: it covers about a second */
-#define RECENT_KEEP 0.9
-#define LASTING_KEEP 0.99 /* likewise for the temperature, about ten seconds */
-#define STEADY_MOST 1.0   /* largest innovation in the sum that tells whether they last, in deviations */
-#define STEADY_SUM 57.0   /* by this sum they do: eight seconds of one sign, where they are large; */
-#define LONG_TICKS 150    /* so long beyond the test's bound, where they are small */
-#define START_TICKS 30    /* at the start they need not, as nothing has jumped */
-#define EXCITED_KN 0.3 /* by so much must the force have moved lately for the gain to be estimated */
-#define HEATED_KW 1.0   /* likewise the power, within a dead time, for that of the power */
-#define HEATED_TICKS 100 /* then for so long: a dead time, and some lags of the tool */
-#define LEAST_THERMAL_GAIN 0.5
-#define LARGEST_THERMAL_GAIN 2.0
-#define LARGEST_DELAY_S 1.0    /* either way from the middle of its range, and no more than half the dead time */
-#define LEAST_GAIN 0.6
-#define LARGEST_GAIN 1.6
 /* keeps an update defined where noise and covariance are zero */
 #define LEAST_VARIANCE 1e-18
-/* share of the variance of a jump of the depth that is given to the sensor's offset; the tool's own depth gets the rest */
-#define OFFSET_SHARE 0.5
-/* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
-#define PEAK_NOISE_SHARE 0.3
-/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets, their rates, gains */
-static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15, 1e-4, 1e-2, 0.2, 0.3, 0.4};
+#define LONGEST_S 1e6
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
@@ -70,6 +42,14 @@ fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_
 
 double fsw_friction(const fsw_nmpc_model *m, double speed_rpm) {
   return m->friction[0] + (m->friction[1] + m->friction[2] * speed_rpm) * speed_rpm;
+}
+
+void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[N]) {
+  const double of_states[N] = {t->creep_walk_mm, 0.0, t->copper_walk_c, 0.0, t->motor_walk_nm, t->force_walk_kn,
+                               t->heat_walk_kw, t->torque_scale_walk, t->depth_offset_walk_mm, t->temperature_offset_walk_c,
+                               t->depth_rate_walk_mm_per_s, t->temperature_rate_walk_c_per_s, t->depth_gain_walk,
+                               t->thermal_gain_walk, t->delay_walk_s};
+  for (int i = 0; i < N; i++) walk[i] = of_states[i];
 }
 
 static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
@@ -93,58 +73,65 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
 
 /* What a drive adds to the command. It may lag: as long as what acts lies among the commands of the last ticks, nothing
  * new is known. So `offset` changes no more than it must for `acting - offset` to lie among them. */
-static void take_drive(fsw_estimator *e, int input, double acting, double applied) {
+static void take_drive(fsw_estimator *e, const fsw_estimator_tuning *t, int input, double acting, double applied) {
   double *command = e->command[input], low = applied, high = applied;
   for (int k = FSW_LATEST - 1; k > 0; k--) {
     command[k] = command[k - 1];
     low = command[k] < low ? command[k] : low;
     high = command[k] > high ? command[k] : high;
   }
-  if (input == 0) e->is_excited = high - low > EXCITED_KN;
+  if (input == 0) e->is_excited = high - low > t->excitation_force_kn;
   command[0] = applied;
   e->offset[input] = fsw_clip(e->offset[input], acting - high, acting - low);
 }
 
 /* Inputs that acted: as the drives report them, as commanded where they do not. */
-static void take_inputs(fsw_estimator *e, const fsw_nmpc_input *in) {
+static void take_inputs(fsw_estimator *e, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   e->acting_force_kn = fsw_is_finite(in->force_kn) ? in->force_kn : in->applied_force_kn;
   e->acting_speed_rpm = fsw_is_finite(in->speed_rpm) ? in->speed_rpm : in->applied_speed_rpm;
-  take_drive(e, 0, e->acting_force_kn, in->applied_force_kn);
-  take_drive(e, 1, e->acting_speed_rpm, in->applied_speed_rpm);
+  take_drive(e, t, 0, e->acting_force_kn, in->applied_force_kn);
+  take_drive(e, t, 1, e->acting_speed_rpm, in->applied_speed_rpm);
 }
 
-static int plausible_depth(double depth_mm) { return depth_mm > 0.0 && depth_mm < DEEPEST_MM; }
-static int plausible_rise(double rise_c) { return rise_c > -LARGEST_DEVIATION_C && rise_c < LARGEST_DEVIATION_C; }
+static int plausible_depth(const fsw_estimator_tuning *t, double depth_mm) {
+  return depth_mm > 0.0 && depth_mm < t->depth_max_mm;
+}
+static int plausible_rise(const fsw_estimator_tuning *t, double rise_c) {
+  return rise_c > -t->temperature_deviation_max_c && rise_c < t->temperature_deviation_max_c;
+}
 
 /* Whether states and variances are finite and where a weld can be. */
-static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m) {
+static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   double sum = 0.0;
   for (int i = 0; i < N; i++) {
     if (!(e->p[i][i] >= 0.0)) return 0;
     sum += e->x[i] + e->p[i][i];
   }
-  return fsw_is_finite(sum) && plausible_depth(fsw_contact_depth(e, m, 0)) && plausible_rise(e->x[FSW_TOOL]) &&
-         fabs(e->x[FSW_FORCE]) < LARGEST_OFFSET_KN;
+  return fsw_is_finite(sum) && plausible_depth(t, fsw_contact_depth(e, m, 0)) && plausible_rise(t, e->x[FSW_TOOL]) &&
+         fabs(e->x[FSW_FORCE]) < t->force_offset_max_kn;
 }
 
+static int ticks_of(double time_s) { return (int)(fsw_clip(time_s, 0.0, LONGEST_S) / FSW_TICK_S + 0.5); }
+
 /* Begin at rest at a measurement; 0 if a sensor that is needed is missing or an input is absurd. */
-int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
-  if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
+  if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(t, in->depth_mm) || !plausible_rise(t, rise_c)) return 0;
   for (int k = 0; k < FSW_LATEST; k++) {
     e->command[0][k] = in->applied_force_kn;
     e->command[1][k] = in->applied_speed_rpm;
   }
   e->offset[0] = e->offset[1] = 0.0;
-  take_inputs(e, in);
+  take_inputs(e, t, in);
   const double torque = fsw_torque_at(m, e->acting_force_kn, in->depth_mm).value;
   const double friction = fsw_friction(m, e->acting_speed_rpm);
   double scale = 1.0;
   if (in->torque_fresh && fsw_is_finite(in->torque_nm))
-    scale = fsw_clip((in->torque_nm - friction) / torque, LEAST_SCALE, LARGEST_SCALE);
+    scale = fsw_clip((in->torque_nm - friction) / torque, t->torque_scale_min, t->torque_scale_max);
   const double power = scale * torque * e->acting_speed_rpm * FSW_KW_PER_NM_RPM - m->operating_power_kw;
   const double pushed = e->acting_force_kn - m->operating_force_kn;
-  double *x = e->x;
+  double *x = e->x, walk[N];
+  fsw_estimator_walk(t, walk);
   x[FSW_CREEP] = in->depth_mm / (1.0 + m->softening_per_c * rise_c) - m->operating_depth_mm - m->fast_gain * pushed;
   x[FSW_SLOW] = 0.0;
   x[FSW_COPPER] = x[FSW_TOOL] = rise_c;
@@ -157,8 +144,8 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   x[FSW_SCALE] = scale;
   for (int i = 0; i < N; i++) {
     for (int j = 0; j < N; j++) e->p[i][j] = 0.0;
-    const int is_estimated = i < FSW_FORCE || t->walk[i] > 0.0; /* disturbances and gain only where they may change */
-    if (is_estimated) e->p[i][i] = START_DEVIATION[i] * START_DEVIATION[i];
+    const int is_estimated = i < FSW_FORCE || walk[i] > 0.0; /* disturbances and gain only where they may change */
+    if (is_estimated) e->p[i][i] = t->start_deviation[i] * t->start_deviation[i];
   }
   for (int k = 0; k < m->n_history; k++) {
     e->history[3 * k] = power;
@@ -170,17 +157,17 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->last_speed_rpm = e->acting_speed_rpm;
   e->recent = e->lasting = e->steady = 0.0;
   e->is_doubtful = e->is_unexplained = e->long_ticks = 0;
-  e->start_ticks = START_TICKS;
+  e->start_ticks = ticks_of(t->heat_start_s);
   e->later_ticks = FSW_SLOWER;
   for (int i = 0; i < N; i++) e->by_delay[i] = 0.0;
   for (int k = 0; k < FSW_SLOWER; k++) e->by_later[k] = 0.0;
   e->is_excited = e->heated_ticks = e->is_telling = e->is_late = 0;
   for (int k = 0; k < FSW_MAX_HISTORY + FSW_LATER; k++) e->power[k] = power;
-  return e->started = is_sound(e, m);
+  return e->started = is_sound(e, m, t);
 }
 
 /* Rows of a[] but that of the motor torque. */
-static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
+static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   const double *mode = m->modes, gain = e->x[FSW_DEPTH_GAIN];
   const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
   for (int i = 0; i < N; i++)
@@ -199,8 +186,8 @@ static void linear_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmp
   e->a[FSW_TOOL][FSW_THERMAL_GAIN] = mode[9] * e->x[FSW_HEAT];
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
   e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_RATE] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_RATE] = FSW_TICK_S;
-  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = t->rate_keep[0];
-  e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->rate_keep[1];
+  e->a[FSW_DEPTH_RATE][FSW_DEPTH_RATE] = t->depth_rate_keep;
+  e->a[FSW_TEMP_RATE][FSW_TEMP_RATE] = t->temperature_rate_keep;
 }
 
 /* Whether a state keeps its estimate and its variance, whatever the measurements are. */
@@ -210,14 +197,14 @@ static int is_held(const fsw_estimator *e, int state) {
 }
 
 /* Whether the power has moved within the last dead time, so that the temperature will tell its gain. */
-static void note_power(fsw_estimator *e, const fsw_nmpc_model *m) {
+static void note_power(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   double least = e->power[0], most = e->power[0];
   for (int k = 1; k < m->n_history; k++) {
     const double power = e->power[k];
     least = power < least ? power : least;
     most = power > most ? power : most;
   }
-  if (most - least > HEATED_KW) e->heated_ticks = HEATED_TICKS + m->n_history;
+  if (most - least > t->excitation_power_kw) e->heated_ticks = ticks_of(t->excitation_power_s) + m->n_history;
   else if (e->heated_ticks > 0) e->heated_ticks--;
 }
 
@@ -236,8 +223,9 @@ static void predict_by_delay(fsw_estimator *e) {
 }
 
 /* p = a p a' + walk */
-static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
-  double ap[N][N];
+static void predict_covariance(fsw_estimator *e, const fsw_estimator_tuning *t) {
+  double ap[N][N], walk[N];
+  fsw_estimator_walk(t, walk);
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) {
       double sum = 0.0;
@@ -246,7 +234,7 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
     }
   for (int i = 0; i < N; i++)
     for (int j = 0; j <= i; j++) {
-      double sum = i == j && !is_held(e, i) ? t->walk[i] * t->walk[i] : 0.0;
+      double sum = i == j && !is_held(e, i) ? walk[i] * walk[i] : 0.0;
       for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
       e->p[i][j] = e->p[j][i] = sum;
     }
@@ -257,8 +245,8 @@ static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
 }
 
 /* Half of the range of the delay: it is about 0, or about twice this where the response is late. */
-double fsw_delay_span_s(const fsw_nmpc_model *m) {
-  return 0.5 * m->dead_time_s < LARGEST_DELAY_S ? 0.5 * m->dead_time_s : LARGEST_DELAY_S;
+double fsw_delay_span_s(const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
+  return 0.5 * m->dead_time_s < t->delay_max_s ? 0.5 * m->dead_time_s : t->delay_max_s;
 }
 
 /* Mean power that arrives in a tick when it does so `delay_s` after the model's dead time, and its change by that delay. */
@@ -297,7 +285,7 @@ void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double
 }
 
 /* One tick of the model, as in predict.c, and of the covariance. */
-static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
+static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
   const double gain = x[FSW_DEPTH_GAIN], fast_gain = gain * m->fast_gain;
@@ -348,8 +336,8 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   x[FSW_MOTOR] = begin + rise + friction + motor_decay * rest;
   x[FSW_DEPTH_OFFSET] = t->offset_keep * x[FSW_DEPTH_OFFSET] + FSW_TICK_S * x[FSW_DEPTH_RATE];
   x[FSW_TEMP_OFFSET] = t->offset_keep * x[FSW_TEMP_OFFSET] + FSW_TICK_S * x[FSW_TEMP_RATE];
-  x[FSW_DEPTH_RATE] *= t->rate_keep[0];
-  x[FSW_TEMP_RATE] *= t->rate_keep[1];
+  x[FSW_DEPTH_RATE] *= t->depth_rate_keep;
+  x[FSW_TEMP_RATE] *= t->temperature_rate_keep;
   for (int k = 0; k < 3 * (m->n_history - 1); k++) e->history[k] = e->history[k + 3];
   double *newest = e->history + 3 * (m->n_history - 1);
   newest[0] = kw * begin - m->operating_power_kw;
@@ -357,7 +345,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tu
   newest[2] = kw * rest;
   for (int k = m->n_history + FSW_LATER - 1; k > 0; k--) e->power[k] = e->power[k - 1];
   e->power[0] = newest[0] + 0.5 * newest[1] + newest[2] * lag * (1.0 - motor_decay);
-  note_power(e, m);
+  note_power(e, m, t);
   predict_by_delay(e);
   predict_covariance(e, t);
 }
@@ -376,7 +364,7 @@ static double spread(const fsw_estimator *e, const double row[N], double cross[N
 
 /* Scalar Kalman update with the measurement's linearisation `row`. A jump widens the variances of the states in `jumping`,
  * by the squares of their shares. */
-static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const double row[N], double innovation,
+static void update(fsw_estimator *e, const fsw_estimator_tuning *t, int sensor, const double row[N], double innovation,
                    double noise, const double jumping[N]) {
   double cross[N];
   double expected = spread(e, row, cross) + noise * noise + LEAST_VARIANCE;
@@ -400,12 +388,12 @@ static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const
 }
 
 /* After an update of the depth: whether its recent innovations are a drift, and if so, a wider variance of the rate. */
-static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
+static void widen_rate(fsw_estimator *e, const fsw_estimator_tuning *t) {
   const double deviation = sqrt(e->expected[DEPTH]);
-  e->recent = RECENT_KEEP * e->recent + fsw_clip(e->innovation[DEPTH] / deviation, -t->jump_sigmas, t->jump_sigmas);
-  const double variance = 1.0 / (1.0 - RECENT_KEEP * RECENT_KEEP); /* of the sum, while innovations are white */
+  e->recent = t->drift_keep * e->recent + fsw_clip(e->innovation[DEPTH] / deviation, -t->jump_sigmas, t->jump_sigmas);
+  const double variance = 1.0 / (1.0 - t->drift_keep * t->drift_keep); /* of the sum, while innovations are white */
   if (!(t->drift_sigmas > 0.0 && e->recent * e->recent > t->drift_sigmas * t->drift_sigmas * variance)) return;
-  const double rate = (1.0 - RECENT_KEEP) * e->recent * deviation; /* mean innovation in about a second, per second */
+  const double rate = (1.0 - t->drift_keep) * e->recent * deviation; /* mean innovation in about a second, per second */
   e->p[FSW_DEPTH_RATE][FSW_DEPTH_RATE] += rate * rate;
   e->recent = 0.0;
 }
@@ -414,10 +402,10 @@ static void widen_rate(fsw_estimator *e, const fsw_nmpc_tuning *t) {
  * estimated, the newest one is `by_delay`, as far as that is linear. If it arrives later by any other time, it is the integral
  * of `by_delay` over that time back; and a probe that lags mixes such times. Times that the rival has lost do not count, but
  * for whether any explains them. */
-static double unexplained(fsw_estimator *e, double by_delay, double least) {
+static double unexplained(fsw_estimator *e, const fsw_estimator_tuning *t, double by_delay, double least) {
   double sum = 0.0, low = 0.0, high = 0.0, rest = e->lasting;
   for (int k = FSW_SLOWER - 1; k > 0; k--) e->by_later[k] = e->by_later[k - 1];
-  e->by_later[0] = LASTING_KEEP * e->by_later[1] + by_delay;
+  e->by_later[0] = t->heat_keep * e->by_later[1] + by_delay;
   for (int k = 0; k < FSW_SLOWER; k++) {
     sum += FSW_TICK_S * e->by_later[k];
     low = sum < low ? sum : low;
@@ -431,21 +419,21 @@ static double unexplained(fsw_estimator *e, double by_delay, double least) {
 /* Likewise after an update of the temperature, if heat is estimated: what the model lacks of it warms the copper at a rate
  * that the filter has to correct at every tick, so innovations keep one sign. The variance gets the heat that makes
  * such a rate. They have to last, because a jump that a slow thermocouple shows by and by makes some, too. */
-static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, double by_delay) {
-  if (!(t->heat_sigmas > 0.0 && t->walk[FSW_HEAT] > 0.0)) return;
+static void widen_heat(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, double by_delay) {
+  if (!(t->heat_sigmas > 0.0 && t->heat_walk_kw > 0.0)) return;
   const double expected = e->expected[TEMPERATURE], deviation = sqrt(expected);
   const double innovation = fsw_clip(e->innovation[TEMPERATURE] / deviation, -t->jump_sigmas, t->jump_sigmas);
-  e->lasting = LASTING_KEEP * e->lasting + innovation;
-  e->steady = LASTING_KEEP * e->steady + fsw_clip(innovation, -STEADY_MOST, STEADY_MOST);
-  const double least = t->heat_sigmas / sqrt(1.0 - LASTING_KEEP * LASTING_KEEP);
-  const double rest = unexplained(e, by_delay / deviation, least);
+  e->lasting = t->heat_keep * e->lasting + innovation;
+  e->steady = t->heat_keep * e->steady + fsw_clip(innovation, -t->heat_steady_sigmas, t->heat_steady_sigmas);
+  const double least = t->heat_sigmas / sqrt(1.0 - t->heat_keep * t->heat_keep);
+  const double rest = unexplained(e, t, by_delay / deviation, least);
   e->long_ticks = fabs(rest) > least ? e->long_ticks + 1 : 0;
-  const int lasts = e->start_ticks > 0 || fabs(e->steady) > STEADY_SUM || e->long_ticks > LONG_TICKS;
+  const int lasts = e->start_ticks > 0 || fabs(e->steady) > t->heat_steady_sum || e->long_ticks > ticks_of(t->heat_wait_s);
   if (e->start_ticks > 0) e->start_ticks--;
   e->is_doubtful = lasts && fabs(e->lasting) > least && fabs(rest) <= least;
   if (!lasts || fabs(rest) <= least) return;
-  const double share = 1.0 - t->noise[TEMPERATURE] * t->noise[TEMPERATURE] / expected; /* of an innovation, corrected */
-  const double rate = share * (1.0 - LASTING_KEEP) * rest * deviation / FSW_TICK_S;
+  const double share = 1.0 - t->temperature_noise_c * t->temperature_noise_c / expected; /* of an innovation, corrected */
+  const double rate = share * (1.0 - t->heat_keep) * rest * deviation / FSW_TICK_S;
   const double heat = rate * m->copper_lag_s / (e->x[FSW_THERMAL_GAIN] * m->thermal_gain_c_per_kw);
   e->lasting -= rest;
   e->steady = 0.0;
@@ -461,52 +449,52 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
   return is_valid;
 }
 
-static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
+static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
   const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
   const double torque = in->torque_nm - peak, expected = e->x[FSW_MOTOR];
-  if (seen(e, TORQUE, in->torque_fresh && torque > expected / TORQUE_FACTOR && torque < expected * TORQUE_FACTOR)) {
+  if (seen(e, TORQUE, in->torque_fresh && torque > expected / t->torque_outlier_factor && torque < expected * t->torque_outlier_factor)) {
     clear_row(row);
     clear_row(jumping);
     row[FSW_MOTOR] = 1.0;
-    jumping[FSW_SCALE] = 1.0 / (expected > LEAST_TORQUE_NM ? expected : LEAST_TORQUE_NM);
-    update(e, t, TORQUE, row, torque - expected, t->noise[TORQUE] + PEAK_NOISE_SHARE * fabs(peak), jumping);
+    jumping[FSW_SCALE] = 1.0 / (expected > t->torque_min_nm ? expected : t->torque_min_nm);
+    update(e, t, TORQUE, row, torque - expected, t->torque_noise_nm + t->torque_peak_noise_share * fabs(peak), jumping);
   }
-  if (seen(e, DEPTH, in->depth_fresh && plausible_depth(in->depth_mm))) {
+  if (seen(e, DEPTH, in->depth_fresh && plausible_depth(t, in->depth_mm))) {
     const double shown = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
     clear_row(jumping);
     row[FSW_DEPTH_OFFSET] = 1.0;
-    jumping[FSW_DEPTH_OFFSET] = sqrt(OFFSET_SHARE);
-    jumping[FSW_CREEP] = sqrt(1.0 - OFFSET_SHARE);
-    update(e, t, DEPTH, row, in->depth_mm - shown, t->noise[DEPTH], jumping);
+    jumping[FSW_DEPTH_OFFSET] = sqrt(t->jump_offset_share);
+    jumping[FSW_CREEP] = sqrt(1.0 - t->jump_offset_share);
+    update(e, t, DEPTH, row, in->depth_mm - shown, t->depth_noise_mm, jumping);
     widen_rate(e, t);
   }
   const double rise_c = in->temperature_c - m->operating_temperature_c;
-  if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(rise_c))) {
+  if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(t, rise_c))) {
     clear_row(row);
     clear_row(jumping);
     row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
     const double by_delay = e->by_delay[FSW_TOOL] + e->by_delay[FSW_TEMP_OFFSET];
-    update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
+    update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->temperature_noise_c, jumping);
     widen_heat(e, m, t, by_delay);
   }
-  e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], LEAST_GAIN, LARGEST_GAIN);
-  e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
-  e->x[FSW_THERMAL_GAIN] = fsw_clip(e->x[FSW_THERMAL_GAIN], LEAST_THERMAL_GAIN, LARGEST_THERMAL_GAIN);
-  const double half_s = fsw_delay_span_s(m), middle_s = e->is_late ? 2.0 * half_s : 0.0;
+  e->x[FSW_DEPTH_GAIN] = fsw_clip(e->x[FSW_DEPTH_GAIN], t->depth_gain_min, t->depth_gain_max);
+  e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], t->torque_scale_min, t->torque_scale_max);
+  e->x[FSW_THERMAL_GAIN] = fsw_clip(e->x[FSW_THERMAL_GAIN], t->thermal_gain_min, t->thermal_gain_max);
+  const double half_s = fsw_delay_span_s(m, t), middle_s = e->is_late ? 2.0 * half_s : 0.0;
   e->x[FSW_DELAY] = fsw_clip(e->x[FSW_DELAY], middle_s - half_s, middle_s + half_s);
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
  * the estimate is sound; if it is not, it has ended and must be started anew. */
-int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
-  take_inputs(e, in);
+int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t, const fsw_nmpc_input *in) {
+  take_inputs(e, t, in);
   e->is_telling =
-      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(in->temperature_c - m->operating_temperature_c);
+      e->heated_ticks > 0 && in->temperature_fresh && plausible_rise(t, in->temperature_c - m->operating_temperature_c);
   predict(e, m, t);
   correct(e, m, t, in);
   e->last_speed_rpm = e->acting_speed_rpm;
-  return e->started = is_sound(e, m);
+  return e->started = is_sound(e, m, t);
 }

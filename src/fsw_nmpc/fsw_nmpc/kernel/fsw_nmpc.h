@@ -76,40 +76,8 @@ typedef struct {
   double operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw;
 } fsw_nmpc_model;
 
-/* Reference trajectories, see trajectory.c. */
-typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED, FSW_RECENTRED_AHEAD } fsw_trajectory;
-
-/* Which set-point the approach keeps where the inputs' bounds do not permit both. */
-typedef enum { FSW_KEEP_DEPTH, FSW_KEEP_BALANCE, FSW_KEEP_TEMPERATURE } fsw_priority;
-
-typedef struct {
-  int trajectory, priority;
-  int max_iterations;          /* of the interior-point method */
-  int plan_reuse;              /* ticks that a failed solve is bridged by the last plan */
-  double time_s[2];            /* time constants of the trajectories */
-  double corridor_decay[2];    /* exp(-tick / time_s) */
-  double dead_band[2];
-  double quality_depth_mm;     /* the depth is not taken further from its set-point for the temperature */
-  double quality_temp_c[2];    /* limits that the temperature keeps before the depth keeps its set-point */
-  double weight[2];            /* L1 cost outside the dead-band, per output point; 0: none */
-  double square[2];            /* quadratic cost on the deviation from the trajectory; 0: none */
-  double knee[2];              /* of the output without priority: deviation beyond which that cost goes on linearly, at
-                                  the slope it has there; 0: never. Not with an L1 cost */
-  double held_share;           /* 0 to 1: share of the bounds by which the depth waits for what the speed can compensate */
-  double window_weight[2];     /* L1 cost outside the quality limits, at the ends of the blocks; 0: none */
-  double move_weight[2];       /* L1 cost of an interval's move, per kN and per rpm */
-  double move_square[2];       /* quadratic, per kN^2 and per rpm^2 */
-  double move_max[2], input_min[2], input_max[2];
-  double tolerance;            /* of the solver: complementarity gap relative to 1 + |cost| */
-  double noise[3];             /* standard deviations: depth, torque, temperature */
-  double walk[FSW_STATES];     /* random walk of each state per tick */
-  double offset_keep;          /* share of the leaking offsets that is left after a tick */
-  double rate_keep[2];         /* likewise of their rates */
-  double jump_sigmas;          /* a measurement further off is a jump; 0: never */
-  double drift_sigmas;         /* innovations of the depth whose recent sum is further off are a drift; 0: never */
-  double heat_sigmas;          /* innovations of the temperature whose sum over seconds is further off are heat; 0: never */
-  double blind_limit_s;        /* longest time without a sensor */
-} fsw_nmpc_tuning;
+/* The tuning: reference trajectories, cost, limits, estimator. Of a choice, its place in the enumeration. */
+#include "fsw_nmpc_tuning.h"
 
 /* States of the estimator; copper and tool are deviations from the operating temperature. */
 typedef enum {
@@ -289,6 +257,9 @@ void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
 int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
 void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
                   fsw_nmpc_output *out);
+
+/* Random walk of each state per tick. */
+void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[FSW_STATES]);
 
 /* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, when by_depth is not NULL, the sensitivities
  * [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE when something is not finite. */

@@ -52,8 +52,8 @@ typedef struct {
   int n_depth;                                       /* how many of them are of the depth; they come first */
   int soft_row[FSW_MAX_ROWS];                        /* rows in use with an L1 cost, then those at quality limits */
   int n_windows;                                     /* how many of them are at quality limits */
-  int n_bent;                                        /* how many of the first ones cost squares up to a knee ... */
-  double bend;                                       /* ... and the inverse of their quadratic cost */
+  int n_huber;                                       /* how many of the first ones have a Huber threshold ... */
+  double huber_inverse;                              /* ... and the inverse of their quadratic cost below it */
   double window_low[2], window_high[2];
   int move[FSW_MAX_VARS];                            /* variables of the moves with an L1 weight */
   double scale[FSW_MAX_VARS], size[FSW_MAX_VARS];    /* largest move; largest change of the input within the block */

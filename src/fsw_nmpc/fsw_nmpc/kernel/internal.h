@@ -9,15 +9,22 @@
 static inline int fsw_is_finite(double x) { return x - x == 0.0; }
 static inline double fsw_clip(double x, double low, double high) { return x < low ? low : (x > high ? high : x); }
 
+/* Bounds and largest change per tick of input q. */
+static inline double fsw_least(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_min_rpm : t->force_min_kn; }
+static inline double fsw_most(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_max_rpm : t->force_max_kn; }
+static inline double fsw_reach(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_step_rpm : t->force_step_kn; }
+
 /* torque.c, through torque.h */
 typedef struct { double value, by_force, by_depth; } fsw_torque;
 fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_mm);
 double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 
 /* estimator.c */
-int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
-int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
-double fsw_delay_span_s(const fsw_nmpc_model *m);
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                        const fsw_nmpc_input *in);
+int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
+                       const fsw_nmpc_input *in);
+double fsw_delay_span_s(const fsw_nmpc_model *m, const fsw_estimator_tuning *t);
 void fsw_power_under_way(const fsw_estimator *e, const fsw_nmpc_model *m, double delay_s,
                          double history[3 * FSW_MAX_HISTORY]);
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);

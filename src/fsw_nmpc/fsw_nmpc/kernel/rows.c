@@ -11,8 +11,8 @@
 #define LEAST_CURVATURE 1e-9
 /* share of the width between quality limits that is near a limit */
 #define NEAR_LIMIT 0.1
-/* a deviation of the last plan of less than this share of the knee is taken for one that stays below it */
-#define NEAR_KNEE 0.5
+/* a deviation of the last plan of less than this share of its Huber threshold is taken for one that stays below it */
+#define NEAR_HUBER 0.5
 
 /* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
 double fsw_dot(const double *restrict a, const double *restrict b, int n) {
@@ -30,26 +30,27 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
                             fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
   double intervals[FSW_MAX_BLOCKS], reach[2] = {0.0, 0.0};
-  const double now[2] = {s->force_kn, s->speed_rpm};
+  const double now[2] = {s->force_kn, s->speed_rpm}, move_weight[2] = {t->move_force_per_kn, t->move_speed_per_rpm};
   for (int b = 0; b < m->n_blocks; b++) intervals[b] = 0.0;
   for (int i = 0; i < m->n_out; i++) intervals[m->interval_block[i]] += 1.0;
   w->n_moves = 0;
   for (int j = 0; j < nv; j++) {
     const int q = j & 1;
-    const double scale = t->move_max[q] * m->block_reach[j >> 1], z = v[j] / scale;
+    const double scale = fsw_reach(t, q) * m->block_reach[j >> 1], z = v[j] / scale;
     w->scale[j] = scale;
     w->size[j] = intervals[j >> 1] * scale;
     w->z[j] = fsw_clip(z, -INSIDE, INSIDE);
-    w->diagonal[j] = t->move_square[q] * scale * w->size[j] / m->block_reach[j >> 1] + LEAST_CURVATURE;
+    const double square = t->full_move_cost / (fsw_reach(t, q) * fsw_reach(t, q));
+    w->diagonal[j] = square * scale * w->size[j] / m->block_reach[j >> 1] + LEAST_CURVATURE;
     /* L1 of a move: weight |z| = 2 weight max(0, z) - weight z, one side instead of two */
-    const double weight = t->move_weight[q] * w->size[j];
+    const double weight = move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
     if (weight > 0.0) {
       w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
       w->move[w->n_moves++] = j;
     }
     reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
-    const double low = t->input_min[q] - now[q], high = t->input_max[q] - now[q];
+    const double low = fsw_least(t, q) - now[q], high = fsw_most(t, q) - now[q];
     w->input_low[j] = low < reach[q] ? low : reach[q];
     w->input_high[j] = high > -reach[q] ? high : -reach[q];
   }
@@ -72,6 +73,7 @@ static int is_near_limit(const fsw_problem *problem, int q, double value) {
 /* Sides at the quality limits, at the ends of the blocks: behind the others, as no other output has more than one. */
 static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                           fsw_workspace *w, double *weight) {
+  const double quality_weight[2] = {t->quality_weight_per_mm, t->quality_weight_per_c};
   w->n_windows = 0;
   for (int q = 0; q < 2; q++) {
     w->window_low[q] = problem->window_low[q];
@@ -79,24 +81,34 @@ static void build_windows(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, con
   }
   for (int n = 0; n < w->n_rows && w->n_soft_rows < FSW_MAX_ROWS; n++) {
     const int r = w->row[n], q = r >= m->n_out, i = q ? r - m->n_out : r;
-    if (!(t->window_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
+    if (!(quality_weight[q] > 0.0) || (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i])) continue;
     /* the depth on its way to another set-point is not inside the limits about it: its trajectory is kept by its cost */
     if (!q && (problem->low[q][i] > problem->window_high[q] || problem->high[q][i] < problem->window_low[q])) continue;
     if (!is_near_limit(problem, q, planned(w, r, w->row_width[n], v))) continue;
-    weight[w->n_soft_rows] = t->window_weight[q];
+    weight[w->n_soft_rows] = quality_weight[q];
     w->soft_row[w->n_soft_rows++] = n;
     w->n_windows++;
   }
+}
+
+static double inverse_square(double scale) { return scale > 0.0 ? 1.0 / (scale * scale) : 0.0; }
+
+/* Huber threshold of the temperature, whose cost is linear beyond it where the depth has priority. */
+static double huber_temperature(const fsw_nmpc_tuning *t) {
+  const double share[3] = {1.0, 2.0, 0.0}; /* by priority */
+  return t->huber_temperature_c * share[t->priority];
 }
 
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
-  const double square[2] = {t->square[0], t->square[1] * problem->temp_cost}, *knee = t->knee;
+  const double l1[2] = {t->weight_depth_per_mm, t->weight_temperature_per_c};
+  const double square[2] = {inverse_square(t->depth_scale_mm), inverse_square(t->temperature_scale_c) * problem->temp_cost};
+  const double huber[2] = {t->priority == FSW_KEEP_TEMPERATURE ? t->huber_depth_mm : 0.0, huber_temperature(t)};
   int n = 0;
   build_variables(m, t, &problem->start, v, w);
-  w->n_depth = w->n_soft_rows = w->n_bent = 0;
+  w->n_depth = w->n_soft_rows = w->n_huber = 0;
   for (int r = 0; r < 2 * n_out; r++) {
     const int q = r >= n_out, i = q ? r - n_out : r;
     const int width = q ? m->temperature_width[i] : m->depth_width[i];
@@ -107,19 +119,19 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_prob
     }
     for (int j = width; j < padded(w->nv); j++) a[j] = 0.0;
     w->output[r] = at_zero;
-    if (width == 0 || !(t->weight[q] > 0.0 || square[q] > 0.0)) continue;
+    if (width == 0 || !(l1[q] > 0.0 || square[q] > 0.0)) continue;
     w->row[n] = r;
     w->row_width[n] = width;
     w->low[n] = problem->low[q][i] - at_zero;
     w->high[n] = problem->high[q][i] - at_zero;
     w->square[n] = square[q] > 0.0 ? square[q] : 0.0;
-    const int is_bent = knee[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_KNEE * knee[q];
-    if (t->weight[q] > 0.0 || is_bent) {
-      weight[w->n_soft_rows] = is_bent ? knee[q] * square[q] : t->weight[q];
-      if (is_bent) {
+    const int is_huber = huber[q] > 0.0 && fabs(planned(w, r, width, v) - problem->low[q][i]) > NEAR_HUBER * huber[q];
+    if (l1[q] > 0.0 || is_huber) {
+      weight[w->n_soft_rows] = is_huber ? huber[q] * square[q] : l1[q];
+      if (is_huber) {
         w->square[n] = 0.0;
-        w->bend = 1.0 / square[q];
-        w->n_bent++;
+        w->huber_inverse = 1.0 / square[q];
+        w->n_huber++;
       }
       w->soft_row[w->n_soft_rows++] = n;
     }

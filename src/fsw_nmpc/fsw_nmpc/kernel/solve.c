@@ -80,11 +80,11 @@ static double cost_of(const fsw_workspace *w) {
   double cost = 0.0;
   for (int k = 0; k < n_soft(w); k++)
     if (w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
-  for (int k = 0; k < w->n_bent; k++) { /* less below the knee */
+  for (int k = 0; k < w->n_huber; k++) { /* less below the Huber threshold */
     const int both[2] = {k, w->n_soft_rows + k};
     for (int i = 0; i < 2; i++) {
-      const double knee = w->soft.weight[both[i]] * w->bend, e = w->soft.e[both[i]];
-      if (e > 0.0) cost -= 0.5 / w->bend * (e < knee ? e * (2.0 * knee - e) : knee * knee);
+      const double huber = w->soft.weight[both[i]] * w->huber_inverse, e = w->soft.e[both[i]];
+      if (e > 0.0) cost -= 0.5 / w->huber_inverse * (e < huber ? e * (2.0 * huber - e) : huber * huber);
     }
   }
   for (int r = 0; r < w->n_rows; r++) {
@@ -95,18 +95,19 @@ static double cost_of(const fsw_workspace *w) {
   return cost;
 }
 
-/* A side that costs squares up to a knee: its force is no more than its excess over `bend`, so e - bend lambda = t - s. */
-static void start_bent(fsw_workspace *w, int k, double mu) {
+/* A side with a Huber threshold: its force is no more than its excess over `huber_inverse`, so
+ * e - huber_inverse lambda = t - s. */
+static void start_huber(fsw_workspace *w, int k, double mu) {
   fsw_soft *f = &w->soft;
-  const double e = f->e[k] - w->bend * f->lambda[k];
+  const double e = f->e[k] - w->huber_inverse * f->lambda[k];
   f->t[k] = (e > 0.0 ? e : 0.0) + mu / f->lambda[k];
   f->s[k] = f->t[k] - e;
 }
 
-static void bend(fsw_workspace *w, int k) {
+static void add_huber(fsw_workspace *w, int k) {
   fsw_soft *f = &w->soft;
-  f->pivot[k] = 1.0 / (f->t[k] * f->per_pi[k] + f->s[k] * f->per_lambda[k] + w->bend);
-  f->residual[k] -= w->bend * f->lambda[k];
+  f->pivot[k] = 1.0 / (f->t[k] * f->per_pi[k] + f->s[k] * f->per_lambda[k] + w->huber_inverse);
+  f->residual[k] -= w->huber_inverse * f->lambda[k];
 }
 
 /* Start with every soft dual in the middle of its range: it has the shortest way, wherever the solution is. Duals of
@@ -124,7 +125,7 @@ static void start(fsw_workspace *w) {
     f->t[k] = (f->e[k] > 0.0 ? f->e[k] : 0.0) + margin;
     f->s[k] = f->t[k] - f->e[k];
   }
-  for (int k = 0; k < w->n_bent; k++) start_bent(w, k, mu), start_bent(w, w->n_soft_rows + k, mu);
+  for (int k = 0; k < w->n_huber; k++) start_huber(w, k, mu), start_huber(w, w->n_soft_rows + k, mu);
   for (int k = 0; k < 4 * w->nv; k++) {
     h->s[k] = -h->e[k] > LEAST_SLACK ? -h->e[k] : LEAST_SLACK;
     h->lambda[k] = mu / h->s[k];
@@ -148,7 +149,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
     f->residual[k] = f->e[k] - f->t[k] + f->s[k];
     f->work[k] = sl + tp;
   }
-  for (int k = 0; k < w->n_bent; k++) bend(w, k), bend(w, n_rows + k);
+  for (int k = 0; k < w->n_huber; k++) add_huber(w, k), add_huber(w, n_rows + k);
   for (int k = 0; k < 4 * nv; k++) {
     const double sl = h->s[k] * h->lambda[k], per_sl = 1.0 / sl;
     h->per_s[k] = h->lambda[k] * per_sl;

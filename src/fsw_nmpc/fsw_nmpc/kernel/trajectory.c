@@ -16,32 +16,14 @@
 
 #include "internal.h"
 
-/* Faster time constants near the set-point: some ticks, in which force and power get to where the approach wants them. */
-#define FORCE_TIME_S 0.4
-#define POWER_TIME_S 0.3
-/* Depth accelerates faster than the speed can keep the power, by what the lags of the temperature smooth out. */
-#define SMOOTHED 1.55
-/* Where the temperature gives way, by so much faster still while the depth is twice its quality limit from its set-point or
- * further, and less below: at that limit not at all, as a tool that jumps is to take no more of the temperature. */
-#define HASTE 0.3
-/* Share of the acceleration with which an approach counts on braking; of the largest rate of the temperature. */
-#define BRAKE_SHARE 0.8
-#define RATE_SHARE 0.8
-/* A plant that cannot move gets at least so much: kN about the force that holds, degC/s. */
-#define LEAST_FORCE_KN 1.0
-#define LEAST_RATE_C_S 0.005
-#define LEAST_POWER_KW 1.0
 /* An approach is at its end within this distance. */
 #define AT_REST_MM 2e-6
 #define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
 #define BISECTIONS 20
 
-/* Share of the last rate that is kept: a fifth of the difference is let go in a tick, or one part in 14. */
-static const double KEPT[2] = {0.8, 0.93};
-
 typedef struct {
-  double slow_s, fast_s, at_rest, acceleration, least_rate, top_rate;
+  double slow_s, fast_s, at_rest, brake_share, acceleration, least_rate, top_rate;
   double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
   double haste, window;        /* further away than the window, it accelerates by up to this share faster */
 } approach;
@@ -53,7 +35,7 @@ typedef struct { double steered, rate, output; } motion;
 /* One step of an approach to `goal`. */
 static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double distance = now->steered - goal, size = fabs(distance), before = now->steered, last = now->rate;
-  const double braking = BRAKE_SHARE * a->acceleration;
+  const double braking = a->brake_share * a->acceleration;
   const double near = braking * a->slow_s * a->slow_s; /* from here on braking is slower than the time constant */
   const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
@@ -131,7 +113,7 @@ static fsw_torque held_torque(const fsw_nmpc *c, double depth_mm) {
 /* The temperature that a bound of the speed (0: slowest, 1: fastest) holds at a depth, both as shown. */
 static double held_temperature(const fsw_nmpc *c, int bound, double depth_mm) {
   const fsw_nmpc_model *m = &c->model;
-  const double *x = c->estimator.x, speed = (bound ? c->tuning.input_max[1] : c->tuning.input_min[1]);
+  const double *x = c->estimator.x, speed = bound ? c->tuning.speed_max_rpm : c->tuning.speed_min_rpm;
   const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE] * held_torque(c, depth_mm).value;
   const double power = given - m->operating_power_kw + c->adaptation.heat_kw;
   return m->operating_temperature_c + thermal_gain(c) * power + x[FSW_TEMP_OFFSET];
@@ -144,7 +126,7 @@ static void make_attainable(const fsw_nmpc *c, double goal[2]) {
   const double slowest = held_temperature(c, 0, goal[0]), fastest = held_temperature(c, 1, goal[0]), wanted = goal[1];
   const int bound = wanted > fastest;
   if (!(wanted < slowest || wanted > fastest) || !(slowest < fastest)) return;
-  const double held = bound ? fastest : slowest, limit = fsw_clip(held, t->quality_temp_c[0], t->quality_temp_c[1]);
+  const double held = bound ? fastest : slowest, limit = fsw_clip(held, t->quality_temperature_min_c, t->quality_temperature_max_c);
   const double least = bound ? fsw_clip(limit, held, wanted) : fsw_clip(limit, wanted, held);
   const double share[3] = {0.0, 0.5, 1.0}; /* by priority */
   goal[1] = least + share[t->priority] * (wanted - least);
@@ -197,15 +179,21 @@ static int targets_of(const approach *a, int q, int n_goals, const double at_s[]
  * softens the force gives way, and with it the torque. `power` holds the temperature. */
 static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
   const fsw_nmpc_model *m = &c->model;
-  const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
+  const double *x = c->estimator.x, speed[2] = {c->tuning.speed_min_rpm, c->tuning.speed_max_rpm};
   const double heating = thermal_gain(c) / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
   const fsw_torque held = held_torque(c, depth_mm);
   for (int k = 0; k < 2; k++) {
     const double kw_per_nm = FSW_KW_PER_NM_RPM * speed[k], given = kw_per_nm * x[FSW_SCALE];
-    rate[k] = RATE_SHARE * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
+    rate[k] = c->tuning.approach.rate_share * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
   }
+}
+
+/* Share of the bounds by which the depth waits for what the speed can compensate: all of it unless the temperature yields. */
+static double held_share(const fsw_nmpc_tuning *t) {
+  const double share[3] = {0.0, 0.5, 1.0}; /* by priority */
+  return t->huber_temperature_c > 0.0 ? share[t->priority] : 1.0;
 }
 
 /* What force and speed can do together, about the present state. */
@@ -216,32 +204,33 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
   double power = m->operating_power_kw + x[FSW_TOOL] / thermal_gain(c) - c->adaptation.heat_kw; /* that holds */
-  if (!(power > LEAST_POWER_KW)) power = LEAST_POWER_KW;
-  const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
-  double low = t->input_min[0], high = t->input_max[0], force_rate = t->move_max[0] / FSW_TICK_S;
-  const double speed_rate = t->move_max[1] / FSW_TICK_S;
-  if (by_force > 0.0 && t->input_min[1] > 0.0) { /* forces at which the fastest and the slowest speed give the power */
-    const double by_fastest = m->operating_force_kn + (nm_rpm / t->input_max[1] - torque) / by_force;
-    const double by_slowest = m->operating_force_kn + (nm_rpm / t->input_min[1] - torque) / by_force;
-    const double fastest = t->held_share * by_fastest + (1.0 - t->held_share) * low;
-    const double slowest = t->held_share * by_slowest + (1.0 - t->held_share) * high;
+  if (!(power > t->approach.least_power_kw)) power = t->approach.least_power_kw;
+  const double held = held_share(t), kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
+  double low = t->force_min_kn, high = t->force_max_kn, force_rate = t->force_step_kn / FSW_TICK_S;
+  const double speed_rate = t->speed_step_rpm / FSW_TICK_S;
+  if (by_force > 0.0 && t->speed_min_rpm > 0.0) { /* forces at which the fastest and the slowest speed give the power */
+    const double by_fastest = m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force;
+    const double by_slowest = m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force;
+    const double fastest = held * by_fastest + (1.0 - held) * low;
+    const double slowest = held * by_slowest + (1.0 - held) * high;
     low = low > fastest ? low : fastest;
     high = high < slowest ? high : slowest;
     const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
     force_rate = force_rate < followed ? force_rate : followed;
   }
   const double gain = rate_gain(c);
-  const double centre = m->operating_force_kn - x[FSW_FORCE];
-  depth->least_rate = gain * (low - centre < -LEAST_FORCE_KN ? low - centre : -LEAST_FORCE_KN);
-  depth->top_rate = gain * (high - centre > LEAST_FORCE_KN ? high - centre : LEAST_FORCE_KN);
-  depth->acceleration = SMOOTHED * gain * force_rate;
+  const double centre = m->operating_force_kn - x[FSW_FORCE], least_kn = t->approach.least_force_kn;
+  depth->least_rate = gain * (low - centre < -least_kn ? low - centre : -least_kn);
+  depth->top_rate = gain * (high - centre > least_kn ? high - centre : least_kn);
+  depth->acceleration = t->approach.depth_acceleration * gain * force_rate;
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
   const double kept = m->operating_power_kw + copper_c / thermal_gain(c) - c->adaptation.heat_kw;
+  const double least = t->approach.least_rate_c_per_s;
   double rate[2];
   held_rates(c, kept, goal, rate);
-  temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
-  temp->top_rate = rate[1] > LEAST_RATE_C_S ? rate[1] : LEAST_RATE_C_S;
+  temp->least_rate = rate[0] < -least ? rate[0] : -least;
+  temp->top_rate = rate[1] > least ? rate[1] : least;
   temp->acceleration = thermal_gain(c) / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
@@ -277,7 +266,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   double drift = 0.0, rate = x[FSW_TEMP_RATE];
   for (double now_s = 0.0; now_s < m->dead_time_s - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) {
     drift += FSW_TICK_S * rate;
-    rate *= c->tuning.rate_keep[1];
+    rate *= c->tuning.estimator.temperature_rate_keep;
   }
   const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET] + drift;
   motion ahead = {shown + copper, rate + (thermal_gain(c) * power - copper) / m->copper_lag_s, shown + tool};
@@ -289,8 +278,9 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
  * gives way to the other, the rate would fall behind a little at every tick; so it is made up for. */
 static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
                       int n_targets) {
+  const double keep = q ? c->tuning.approach.temperature_approach_keep : c->tuning.approach.depth_approach_keep;
   motion next;
-  if (c->has_rate) now->rate += KEPT[q] * (c->rate[q] - now->rate);
+  if (c->has_rate) now->rate += keep * (c->rate[q] - now->rate);
   next = *now;
   advance(a, &next, targets[target_at(targets, n_targets, 0, begin_s)].value, FSW_TICK_S);
   c->rate[q] = next.rate;
@@ -299,9 +289,10 @@ static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double
 static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  const double haste = t->quality_depth_mm > 0.0 ? HASTE * (1.0 - t->held_share) : 0.0;
-  approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0, haste, t->quality_depth_mm};
-  approach to_temp = {t->time_s[1] * (1.0 + c->adaptation.delay_s / m->dead_time_s), POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s, 0.0, 0.0};
+  const double haste = t->quality_depth_mm > 0.0 ? t->approach.haste * (1.0 - held_share(t)) : 0.0;
+  const double slow_s = t->temperature_time_s * (1.0 + c->adaptation.delay_s / m->dead_time_s), share = t->approach.brake_share;
+  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, share, 0.0, 0.0, 0.0, 0.0, haste, t->quality_depth_mm};
+  approach to_temp = {slow_s, t->approach.power_time_s, AT_REST_C, share, 0.0, 0.0, 0.0, m->tool_lag_s, 0.0, 0.0};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
   const int n_goals = goals_of(c, in, at_s, goals);
@@ -324,13 +315,13 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
 /* Centre of the corridor of output q over the horizon; `output` is that at `begin_s`, where it starts if recentred. */
 static void corridor(fsw_nmpc *c, int q, double begin_s, double output, double *path) {
   const fsw_nmpc_tuning *t = &c->tuning;
-  const double goal = c->reference[q];
+  const double goal = c->reference[q], keep = q ? t->temperature_corridor_keep : t->depth_corridor_keep;
   if (t->trajectory == FSW_CONSTANT) c->corridor[q] = goal;
   else if (t->trajectory >= FSW_RECENTRED || !c->has_corridor) c->corridor[q] = output;
-  else c->corridor[q] = goal + (c->corridor[q] - goal) * t->corridor_decay[q];
+  else c->corridor[q] = goal + (c->corridor[q] - goal) * keep;
   double left = c->corridor[q] - goal, now_s = begin_s;
   for (int i = 0; i < c->model.n_out; i++) {
-    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) left *= t->corridor_decay[q];
+    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) left *= keep;
     path[i] = goal + left;
   }
 }
@@ -353,11 +344,12 @@ void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
   }
   c->problem.window_low[0] = c->attainable[0] - c->tuning.quality_depth_mm;
   c->problem.window_high[0] = c->attainable[0] + c->tuning.quality_depth_mm;
-  c->problem.window_low[1] = c->tuning.quality_temp_c[0];
-  c->problem.window_high[1] = c->tuning.quality_temp_c[1];
+  c->problem.window_low[1] = c->tuning.quality_temperature_min_c;
+  c->problem.window_high[1] = c->tuning.quality_temperature_max_c;
+  const double dead_band[2] = {c->tuning.dead_band_depth_mm, c->tuning.dead_band_temperature_c};
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {
-      c->problem.low[q][i] = path[q][i] - c->tuning.dead_band[q];
-      c->problem.high[q][i] = path[q][i] + c->tuning.dead_band[q];
+      c->problem.low[q][i] = path[q][i] - dead_band[q];
+      c->problem.high[q][i] = path[q][i] + dead_band[q];
     }
 }

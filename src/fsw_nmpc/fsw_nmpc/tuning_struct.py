@@ -1,0 +1,121 @@
+"""The kernel's tuning as a C struct: text and values from the fields and properties of :class:`.Settings`.
+
+The text (``kernel/fsw_nmpc_tuning.h``, written by :mod:`.kernel_codegen`) is compiled, read by cffi, and exported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import cache
+from operator import attrgetter
+from textwrap import wrap
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+from fsw_control import Limits
+from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, EstimatorTuning, Share, Tuning
+from fsw_schema.models import Model, descriptions
+
+#: Settings that the kernel does not have: the model is another struct, the horizon a part of it; announced set-points
+#: are an input; of a time constant with which something fades, the kernel has the share that is left after a tick.
+_OTHERS = {"model", "preview", "blocks", "offset_memory_s", "depth_rate_memory_s", "temperature_rate_memory_s"}
+_HEAD = "/* Generated from the models in fsw_nmpc/tuning.py by fsw_nmpc/kernel_codegen.py; do not edit. */"
+_WIDTH = 120
+_STATES = len(EstimatorTuning().start_deviation)
+
+
+class Member(NamedTuple):
+    """A member of a struct."""
+
+    name: str
+    kind: Any  #: its type in Python
+    text: str  #: what it is
+    place: str  #: where its value is in an object of the class
+
+    @property
+    def is_model(self) -> bool:
+        """Whether it is a struct itself."""
+        return isinstance(self.kind, type) and issubclass(self.kind, Model)
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it is a number for each state of the estimator."""
+        return any(get_origin(part) is tuple for part in get_args(self.kind)[:1])
+
+    @property
+    def is_int(self) -> bool:
+        """Whether it is an int in C; of a choice, its place among the choices."""
+        return self.kind is int or get_origin(self.kind) is Literal
+
+    def in_c(self, value: Any) -> Any:
+        """A value as cffi takes it."""
+        if self.is_model:
+            return values(value)
+        return get_args(self.kind).index(value) if get_origin(self.kind) is Literal else value
+
+
+@cache
+def members(owner: type) -> tuple[Member, ...]:
+    """Members of the struct of a class: its fields and properties; those of limits and tuning among the settings'."""
+    texts = descriptions(owner) if issubclass(owner, Model) else {}
+    found: list[Member] = []
+    for name, kind in get_type_hints(owner, include_extras=True).items():
+        if kind in (Limits, Tuning):
+            found += [member._replace(place=f"{name}.{member.place}") for member in members(kind)]
+        elif name not in _OTHERS:
+            found.append(Member(name, kind, texts.get(name, ""), name))
+    for name, value in vars(owner).items():
+        if isinstance(value, property):
+            kind = get_type_hints(value.fget, include_extras=True)["return"]
+            found.append(Member(name, kind, value.__doc__ or "", name))
+    return tuple(found)
+
+
+def values(owner: Any) -> dict[str, Any]:
+    """Values of the members, as cffi takes them."""
+    return {member.name: member.in_c(attrgetter(member.place)(owner)) for member in members(owner.__class__)}
+
+
+def header() -> str:
+    """The text of ``fsw_nmpc_tuning.h``: enumerations, structs, and lists of all real numbers and of the shares."""
+    lines = [_HEAD, "#ifndef FSW_NMPC_TUNING_H", "#define FSW_NMPC_TUNING_H", ""]
+    for name, prefix, choices in (("trajectory", "", TRAJECTORIES), ("priority", "KEEP_", PRIORITIES)):
+        listed = ", ".join(f"FSW_{prefix}{choice.upper()}" for choice in choices)
+        lines += [f"typedef enum {{ {listed} }} fsw_{name};", ""]
+    parts = [member for member in members(Settings) if member.is_model]
+    for part in parts:
+        lines += _struct(f"fsw_{part.name}_tuning", members(part.kind))
+    lines += _struct("fsw_nmpc_tuning", members(Settings))
+    numbers = list(_numbers(members(Settings)))
+    lines += _each("NUMBER", [name for name, _ in numbers])
+    lines += _each("SHARE", [name for name, kind in numbers if kind == Share])
+    return "\n".join([*lines, "#endif", ""])
+
+
+def _struct(name: str, parts: Iterable[Member]) -> list[str]:
+    """A struct; ints last, so that there is no padding."""
+    lines = []
+    for member in sorted(parts, key=lambda part: part.is_int):
+        size = "[FSW_STATES]" if member.is_array else ""
+        kind = f"fsw_{member.name}_tuning" if member.is_model else "int" if member.is_int else "double"
+        text = " ".join(member.text.replace("`", "").split())
+        lines += wrap(f"/* {text} */", _WIDTH, initial_indent="  ", subsequent_indent="   * ") if text else []
+        lines.append(f"  {kind} {member.name}{size};")
+    return ["typedef struct {", *lines, f"}} {name};", ""]
+
+
+def _numbers(parts: Iterable[Member], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every real number with its type in Python."""
+    for member in parts:
+        if member.is_model:
+            yield from _numbers(members(member.kind), f"{prefix}{member.name}.")
+        elif member.is_array:
+            yield from ((f"{prefix}{member.name}[{i}]", float) for i in range(_STATES))
+        elif not member.is_int:
+            yield prefix + member.name, member.kind
+
+
+def _each(what: str, names: Iterable[str]) -> list[str]:
+    """A macro that calls another one with each name."""
+    calls = wrap(" ".join(f"DO({name})" for name in names), _WIDTH - 4)
+    return [f"#define FSW_EACH_{what}(DO) \\", *(f"  {line} \\" for line in calls[:-1]), f"  {calls[-1]}", ""]
