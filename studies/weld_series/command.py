@@ -17,18 +17,19 @@ from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
 from fsw_quality import attestation, history, history_report, report
 from fsw_quality.evidence import Subject, attest
+from fsw_quality.history_report import Kind, Remark
 from fsw_recorder import signature
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from fsw_schema.models import InputError
 from weld_series.series import BEGIN_DEG, SPECIAL, WHOLE_DEG, judged, scenario_text, series_procedure
 
-#: what of the history's remarks tells each planted thing: weld, words
+#: which of the history's remarks shows each planted thing: what is special about the weld, kind, and what it is about
 PLANTED = {
-    "the tool wears": (None, ("chart of torque at equal conditions",)),
-    "a thermocouple drifts": ("thermocouple", ("thermocouple",)),
-    "a swap of controllers": ("swap", ("swap(s)",)),
-    "an operator's error": ("operator", ("operator acted",)),
+    "the tool wears": (None, Kind.CHART, "torque_nm"),
+    "a thermocouple drifts": ("thermocouple", Kind.ALARM, "thermocouple"),
+    "a swap of controllers": ("swap", Kind.SWAP, ""),
+    "an operator's error": ("operator", Kind.OPERATOR, ""),
 }
 
 #: welds after which the wear stands out
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"verdicts: {dict(Counter(row['verdict'] for row in rows))}")
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
-    missed = _tell(said, chosen.welds)
+    missed = _tell(said, table["weld"].to_pylist(), chosen.welds)
     chain = attestation.read_chain(folder / "chain", signature.load_trusted([signature.public_path(_key(folder))]))
     for entry in chain.findings:
         print(f"chain: {entry.line}")
@@ -124,21 +125,23 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
         attest(Subject(bag, procedure, documents=documents), folder / "chain", key, datetime.now(UTC))
 
 
-def _tell(said: Sequence[tuple[str, str]], welds: int) -> int:
+def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
     """Print what the history found of what was planted; returns how much it did not."""
     missed = 0
     if welds < _SHOWS_WEAR:
         print(f"the tool wears: {_SHOWS_WEAR} welds are needed to tell")
-    for what, (special, words) in PLANTED.items():
-        number = next((one for one, kind in SPECIAL.items() if kind == special), None)
+    for what, (special, kind, subject) in PLANTED.items():
+        number = next((weld for weld, planted in SPECIAL.items() if planted == special), None)
         if (number or _SHOWS_WEAR) > welds:
             continue
         name = None if number is None else f"C{number:03d}"
-        found = [
-            f"{weld}: {text}" for weld, text in said if name in (None, weld) and any(word in text for word in words)
+        shown = [
+            f"{names[remark.at]}: {remark.text}"
+            for remark in said
+            if remark.kind is kind and subject in remark.subject and name in (None, names[remark.at])
         ]
-        missed += not found
-        print(f"{what}: {found[0] if found else 'NOT FOUND'}")
+        missed += not shown
+        print(f"{what}: {shown[0] if shown else 'NOT FOUND'}")
     return missed
 
 

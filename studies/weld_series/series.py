@@ -142,9 +142,8 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     if not page.exists():  # one that was attested stays as it is
         page.parent.mkdir(exist_ok=True)
         report.write(made, course, wanted, page.parent)
-    row = history.row(
-        name, signals, watch(Monitor("canister"), signals), signals.custom, str(made.verdict), made.data_files
-    )
+    watched = watch(Monitor("canister"), signals)
+    row = history.row(name, signals, watched, signals.custom, str(made.verdict), made.data_files, made.procedure)
     with replacing(row_file) as scratch:
         text = json.dumps({key: None if value != value else value for key, value in row.items()}, indent=1)
         scratch.write_text(text, encoding="utf-8")

@@ -14,13 +14,14 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
+from fsw_analysis.procedure import Identity
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import process_of, watch
 from fsw_quality.record import files_of
 from fsw_quality.record_content import data_files
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
-from fsw_schema.models import json_content_of, read_text
+from fsw_schema.models import json_content_of, read_text, validate
 
 HISTORY = group(
     "history",
@@ -29,16 +30,18 @@ HISTORY = group(
 )
 
 
-def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
+def _judgement(file: Path, files: Sequence[str], bag: Path) -> tuple[str, Identity | None]:
+    """Verdict of a record, and the procedure by which it was made."""
     try:
         record = json_content_of(read_text(file, "record"), str(file))
         verdict = str(record["verdict"])
+        procedure = validate(Identity, record["procedure"], str(file)) if "procedure" in record else None
         judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
     except (ValueError, KeyError, TypeError):
         raise CommandError(f"{file}: not the record of a weld; fsw.py record writes record.json") from None
     if judged and not judged & set(files):
         raise CommandError(f"{file}: is the record of another weld; none of its files is in {bag}")
-    return verdict
+    return verdict, procedure
 
 
 @command(
@@ -46,7 +49,7 @@ def _verdict(file: Path, files: Sequence[str], bag: Path) -> str:
     "add recorded welds",
     option("folder", type=Path, metavar="DIR", help="folder of the history, made if need be"),
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
-    option("--record", type=Path, help="record.json of the weld, for its verdict; with one bag"),
+    option("--record", type=Path, help="record.json of the weld, for its verdict and procedure; with one bag"),
     description="Run the monitor over bags and add a row for each to the history in a folder.",
     needs=("pyarrow",),
 )
@@ -60,16 +63,16 @@ def add(arguments: argparse.Namespace) -> int:
         with BagReader(bag) as reader:
             identity = dict(reader.metadata.custom_data)
         files = data_files(files_of(bag))
-        verdict = _verdict(arguments.record, files, bag) if arguments.record else ""
-        welds.append((identity.get("canister") or label, files, bag, identity, verdict))
+        judgement = _judgement(arguments.record, files, bag) if arguments.record else ("", None)
+        welds.append((identity.get("canister") or label, files, bag, identity, judgement))
     # what is refused is refused before the monitor, which is slow
     history.check_new(arguments.folder, [(name, files) for name, files, *_ in welds])
     rows = []
-    for name, files, bag, identity, verdict in welds:
+    for name, files, bag, identity, (verdict, procedure) in welds:
         signals = read_weld(bag)
         with ProgressBar(f"monitor {name}") as bar:
             watched = watch(Monitor(process_of(signals)), signals, bar)
-        rows.append(history.row(name, signals, watched, identity, verdict, files))
+        rows.append(history.row(name, signals, watched, identity, verdict, files, procedure))
     count = history.add(arguments.folder, rows)
     print(f"{arguments.folder}: {count} welds; new: {', '.join(row['weld'] for row in rows)}")
     return 0
@@ -91,8 +94,9 @@ def report(arguments: argparse.Namespace) -> int:
     check_new([target], arguments.force)
     table = history.load(arguments.folder)
     said = history_report.write(table, target, "History of welds")
-    for weld, text in said[-20:]:
-        print(f"{weld}: {text}")
+    names = table["weld"].to_pylist()
+    for remark in said[-20:]:
+        print(f"{names[remark.at]}: {remark.text}")
     for one in history_report.tools(table):
         print(f"tool {one.tool}, {one.welds} welds: {one.words}")
     print(f"written: {target}")

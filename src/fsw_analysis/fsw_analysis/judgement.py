@@ -6,18 +6,19 @@ procedure, or the defaults. What only a procedure says is judged where there is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Strict
 
 from fsw_analysis.course import SENSOR_SIGNALS, Course, course_of, unusable_samples
 from fsw_analysis.exceedances import Exceedance, exceedances, holds, longest_s
-from fsw_analysis.procedure import Procedure, Sensor, tuning_sha256
+from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
 from fsw_analysis.recorded_parameters import recorded_parameters
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_events import WeldEvent
@@ -168,13 +169,16 @@ def _evidence(
 
 def _parameters(signals: WeldSignals, book: RuleBook) -> dict[str, str]:
     permitted = [one.name for one in book.controllers] if isinstance(book, Procedure) else []
+    found = recorded_tunings(signals, [*signals.proposals, *permitted])
+    return {name: tuning_sha256(values) for name, values in found.items()}
+
+
+def recorded_tunings(signals: WeldSignals, controllers: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Parameters of the controllers that the bag has them of."""
     found = {}
-    for name in dict.fromkeys([*signals.proposals, *permitted]):
-        try:
-            values = recorded_parameters(signals.attachments, signals.namespace, name)
-        except BagError:
-            continue
-        found[name] = tuning_sha256(values)
+    for name in dict.fromkeys(controllers):
+        with suppress(BagError):
+            found[name] = tuning(recorded_parameters(signals.attachments, signals.namespace, name))
     return found
 
 

@@ -175,7 +175,12 @@ def digest(content: Any) -> str:
 
 def tuning_sha256(parameters: Mapping[str, Any]) -> str:
     """Hash of a controller's parameters, as procedures and records have it."""
-    return digest({key: value for key, value in parameters.items() if key not in NOT_TUNING})
+    return digest(tuning(parameters))
+
+
+def tuning(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters that say something of the control."""
+    return {key: value for key, value in parameters.items() if key not in NOT_TUNING}
 
 
 def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:

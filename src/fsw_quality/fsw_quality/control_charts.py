@@ -1,78 +1,180 @@
-"""Statistical process control over a series of welds: Shewhart, EWMA and CUSUM charts, and a trend with its interval.
+"""Control charts over a series of welds that need no welds set aside to learn from, and a trend with its interval.
 
-Montgomery, Introduction to Statistical Quality Control: individuals with moving ranges (6.4), CUSUM (9.1), EWMA (9.2).
+Each weld is compared with the accepted welds before it. Its distance from their mean, over their spread, has Student's
+distribution; as a normal score it is independent of the earlier ones (C. P. Quesenberry: SPC Q charts for start-up
+processes, J. Quality Technology 23, 1991). Shewhart and CUSUM charts are of these scores (D. M. Hawkins: Self-starting
+CUSUM charts for location and scale, The Statistician 36, 1987). Their limits follow from a probability of false signals
+by a Markov chain (D. Brook, D. A. Evans: An approach to the probability distribution of CUSUM run length,
+Biometrika 59, 1972).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from functools import cache
+from math import copysign, exp, sqrt
 
 import numpy as np
 import scipy
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fsw_analysis.weld_signals import FloatArray
 
-#: welds whose spread is the normal one, at most; fewer of a short history
-BASELINE = 20
-#: chosen, as in Montgomery: weight and width of the EWMA, slack and limit of the CUSUM, in standard deviations
-EWMA_WEIGHT, EWMA_WIDTH = 0.2, 2.86
-CUSUM_SLACK, CUSUM_LIMIT = 0.5, 5.0
-SHEWHART_WIDTH = 3.0
+#: chosen: share of histories of so many stable welds with a false signal, in any chart of any quantity
+FALSE_SIGNALS, WELDS = 0.05, 200
+#: chosen: what of each score the CUSUM leaves out, half of the shift that it detects soonest
+SLACK = 0.5
+#: values of the CUSUM that the Markov chain distinguishes; twice as many change its limit by 0.001
+_CELLS = 200
+#: chosen: welds before the first that is judged; of fewer, rounded values may all be equal but for one
+LEAST_WELDS = 5
+#: spread below which values are equal but for rounding, as a share of their mean
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of the charts, in standard deviations."""
+
+    shewhart: float
+    cusum: float
+
+    def quiet(self, welds: int) -> float:
+        """Probability that the charts of one side of a quantity do not signal in so many stable welds."""
+        quiet, transitions = np.ones(_CELLS), self._transitions(0.0)
+        for _ in range(welds):
+            quiet = transitions @ quiet
+        return float(quiet[0])
+
+    def run_length(self, shift: float = 0.0) -> float:
+        """Mean number of welds until a chart of a quantity signals, when its mean shifts by so many sigma; ARL."""
+        sides = (
+            np.linalg.solve(np.eye(_CELLS) - self._transitions(side), np.ones(_CELLS))[0] for side in (shift, -shift)
+        )
+        return float(1.0 / sum(1.0 / side for side in sides))
+
+    def _transitions(self, shift: float) -> FloatArray:
+        """Probabilities that a weld takes the CUSUM from a cell to another without a signal, shape (cells, cells)."""
+        cells = np.arange(_CELLS)
+        edge = self.cusum / (_CELLS - 0.5) * (cells - cells[:, None] + 0.5) + SLACK
+        below: FloatArray = ndtr(np.minimum(edge, self.shewhart) - shift)
+        return np.diff(below, axis=1, prepend=0.0)
+
+
+@cache
+def limits(quantities: int) -> Limits:
+    """Limits with which any of so many quantities signals falsely in ``FALSE_SIGNALS`` of histories of ``WELDS`` welds.
+
+    Shewhart and CUSUM have half of it each. The quantities count as independent: if they are not, it is less.
+    """
+    quiet = (1.0 - FALSE_SIGNALS) ** (0.5 / quantities)
+    shewhart = -float(ndtri(1.0 - quiet ** (0.5 / WELDS)))
+    cusum = scipy.optimize.brentq(lambda limit: Limits(shewhart, limit).quiet(WELDS) - quiet, 1.0, 50.0)
+    return Limits(shewhart, float(cusum))
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A quantity over the welds; arrays have shape (n,), NaN where it is not known."""
+    """A quantity over the welds; arrays have shape (n,), NaN where something is not known."""
 
     values: FloatArray
-    centre: float
-    sigma: float
-    ewma: FloatArray  #: NaN for the first welds, as ``high`` and ``low``
-    high: FloatArray  #: CUSUM upwards, in standard deviations
-    low: FloatArray
-    #: welds at which each chart signals: ``shewhart``, ``ewma``, ``cusum``
+    limits: Limits
+    #: welds at which each chart signals: ``shewhart``, ``cusum``
     signals: dict[str, list[int]]
+    scores: FloatArray  #: distance from the welds before, in standard deviations
+    centre: FloatArray  #: mean of the welds before, of a skewed quantity that of its logarithms
+    low: FloatArray  #: limits of the Shewhart chart, in the unit of the quantity
+    high: FloatArray
+    rise: FloatArray  #: CUSUM upwards and downwards, in standard deviations
+    fall: FloatArray
 
 
-def chart(values: FloatArray, least_sigma: float = 0.0) -> Chart | None:
-    """Charts of a quantity, whose normal mean and spread are those of the first welds.
+@dataclass(slots=True)
+class _Baseline:
+    """Accepted welds so far (Welford's sums), and the CUSUM."""
 
-    EWMA and CUSUM begin after those. Among them a weld signals only if it is off their own trend: a tool wears from the
-    first weld on. None with fewer than five known values, or without any spread. ``least_sigma`` is the smallest spread
-    that counts.
+    welds: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+    rise: float = 0.0
+    fall: float = 0.0
+
+    def learn(self, value: float) -> None:
+        self.welds += 1
+        change = value - self.mean
+        self.mean += change / self.welds
+        self.squares += change * (value - self.mean)
+
+    def spread(self, least: float) -> float:
+        """Standard deviation of the next weld from the mean; zero if that cannot be said."""
+        if self.welds < LEAST_WELDS:
+            return 0.0
+        sigma = max(sqrt(self.squares / (self.welds - 1)), least)
+        return sigma * sqrt(1.0 + 1.0 / self.welds) if sigma > _ROUNDING * abs(self.mean) else 0.0
+
+    def count(self, score: float) -> None:
+        """Add a score to the CUSUM."""
+        self.rise, self.fall = max(0.0, self.rise + score - SLACK), max(0.0, self.fall - score - SLACK)
+
+
+def chart(
+    values: FloatArray,
+    charts: Limits,
+    least: float = 0.0,
+    skewed: bool = False,
+    accepted: Sequence[bool] | None = None,
+    groups: Sequence[object] | None = None,
+) -> Chart | None:
+    """Chart a quantity by weld; None if no weld has ``LEAST_WELDS`` others to be compared with.
+
+    Parameters
+    ----------
+    values : FloatArray
+        By weld; NaN where it is not known.
+    charts : Limits
+        Of the charts.
+    least : float
+        Smallest standard deviation that counts.
+    skewed : bool
+        Compare ``log(1 + value / least)``: of quantities that cannot be negative and have a long tail.
+    accepted : sequence of bool, optional
+        Which welds say what is normal, if their chart does not signal; all by default.
+    groups : sequence, optional
+        What each weld is compared within, e.g. its tool: a new one begins a new chart.
     """
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size < 5:
-        return None
-    first = known[: max(5, min(BASELINE, known.size // 2))]
-    normal = values[first]
-    # the medians are not moved by a weld among the normal ones that is not
-    centre = float(np.median(normal))
-    sigma = max(float(np.median(np.abs(np.diff(normal)))) / 0.954, least_sigma)
-    if sigma <= 0.0:
-        return None
-    scaled = (values - centre) / sigma
-    line = scipy.stats.theilslopes(normal, first)  # as robust as the medians
-    scaled[first] = (normal - line.intercept - line.slope * first) / sigma
-    ewma, high, low = (np.full(values.size, np.nan) for _ in range(3))
-    smooth = up = down = 0.0
-    found: dict[str, list[int]] = {"shewhart": [], "ewma": [], "cusum": []}
-    width = EWMA_WIDTH * sqrt(EWMA_WEIGHT / (2.0 - EWMA_WEIGHT))
-    for i in known.tolist():
-        z = float(scaled[i])
-        if abs(z) > SHEWHART_WIDTH:
-            found["shewhart"].append(i)
-        if i <= first[-1]:
-            continue
-        smooth += EWMA_WEIGHT * (z - smooth)
-        up, down = max(0.0, up + z - CUSUM_SLACK), max(0.0, down - z - CUSUM_SLACK)
-        ewma[i], high[i], low[i] = centre + sigma * smooth, up, down
-        if abs(smooth) > width:
-            found["ewma"].append(i)
-        if max(up, down) > CUSUM_LIMIT:
-            found["cusum"].append(i)
-    return Chart(values, centre, sigma, ewma, high, low, found)
+    scaled = np.log1p(np.maximum(values, 0.0) / least) if skewed else values
+    made = Chart(values, charts, {"shewhart": [], "cusum": []}, *np.full((6, values.size), np.nan))
+    baselines: dict[object, _Baseline] = {}
+    for i in np.flatnonzero(np.isfinite(values)).tolist():
+        baseline = baselines.setdefault(groups[i] if groups is not None else None, _Baseline())
+        value = float(scaled[i])
+        signals = _judge(made, i, value, baseline, exp(-baseline.mean) if skewed else least)
+        if not signals and (accepted is None or accepted[i]):
+            baseline.learn(value)
+    if skewed:
+        for limit in (made.centre, made.low, made.high):
+            limit[:] = least * np.expm1(np.minimum(limit, 700.0))
+    return made if np.isfinite(made.scores).any() else None
+
+
+def _judge(made: Chart, i: int, value: float, baseline: _Baseline, least: float) -> bool:
+    """Note score, limits and CUSUM of a weld; returns whether a chart signals."""
+    spread = baseline.spread(least)
+    if not spread:
+        return False
+    freedom, off = baseline.welds - 1, (value - baseline.mean) / spread
+    made.scores[i] = score = copysign(-float(ndtri(stdtr(freedom, -abs(off)))), off)
+    half = -float(stdtrit(freedom, ndtr(-made.limits.shewhart))) * spread
+    made.centre[i], made.low[i], made.high[i] = baseline.mean, baseline.mean - half, baseline.mean + half
+    if abs(score) > made.limits.shewhart:  # the CUSUM leaves it out: a single weld is no shift
+        made.signals["shewhart"].append(i)
+    else:
+        baseline.count(score)
+    made.rise[i], made.fall[i] = baseline.rise, baseline.fall
+    if max(baseline.rise, baseline.fall) > made.limits.cusum:
+        made.signals["cusum"].append(i)
+    return any(at[-1:] == [i] for at in made.signals.values())
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fsw_analysis.course import course_of
+from fsw_analysis.judgement import recorded_tunings
+from fsw_analysis.procedure import Identity, attached
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_model import nominal
-from fsw_quality.attestation import IDENTITY
+from fsw_quality.attestation import IDENTITY, software_versions
 from fsw_quality.monitor_run import Watched
+from fsw_quality.record import judged_with
 from fsw_schema.files import locked, replacing
 from fsw_schema.models import InputError
 
@@ -24,7 +28,13 @@ from fsw_schema.models import InputError
 TORQUE_NM = 1021.5
 #: files that are joined into one when a row is added
 _MOST_FILES = 50
-TEXTS = ("weld", *IDENTITY, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
+#: what is set for a weld: name and hash of the procedure, and two maps as JSON, ``{group: {name: value}}``: parameters
+#: by controller, and versions and hashes of code by what they did (``welded``, ``judged``)
+SETTINGS = ("procedure", "procedure_sha256", "tuning", "software")
+_MAPS = SETTINGS[2:]
+TEXTS = ("weld", *IDENTITY, *SETTINGS, "controllers", "operators", "verdict", "alarm_kinds", "alarm_texts")
+#: of these texts it counts whether they differ between two welds
+_COMPARED = (*IDENTITY, *SETTINGS[:2], "controllers", "operators", "verdict", "alarm_kinds")
 COUNTS = ("start_ns", "alarms", "swaps", "operator_actions")
 #: meaning of each number, with its unit
 NUMBERS = {
@@ -51,6 +61,8 @@ SCHEMA = pa.schema(
     + [(name, pa.float64()) for name in NUMBERS]
 )
 Row = dict[str, Any]
+#: what changed between two welds, before and after
+Change = tuple[str, str, str]
 
 
 def row(
@@ -60,8 +72,11 @@ def row(
     identity: Mapping[str, str],
     verdict: str = "",
     files_sha256: Sequence[str] = (),
+    judged_by: Identity | None = None,
 ) -> Row:
     """The row of a weld; ``files_sha256`` are the hashes of the files with its messages.
+
+    The procedure is the one that is attached to the bag, else the one that the weld was ``judged_by``.
 
     The torque at equal conditions is the model's at the operating point times the median ratio of measured and model
     torque, so that welds at other forces and depths compare.
@@ -71,16 +86,17 @@ def row(
     found[FILES] = ",".join(files_sha256)
     found["controllers"] = ", ".join(course.controllers)
     found["operators"] = ", ".join(signals.operators)
+    procedure = next((entry.identity for entry in attached(signals.attachments)), judged_by)
+    found["procedure"] = f"{procedure.id} {procedure.revision}" if procedure else ""
+    found["procedure_sha256"] = procedure.sha256 if procedure else ""
+    found["tuning"] = json.dumps(recorded_tunings(signals, course.controllers))
+    found["software"] = json.dumps({"welded": software_versions(signals.attachments), "judged": judged_with()})
     sources = course.source[course.source != ""]
     found |= {
         "start_ns": int(signals.stamp_ns[0]),
-        "alarms": len(watched.alarms),
-        "alarm_kinds": ", ".join(dict.fromkeys(one.finding.cause.word for one in watched.alarms)),
-        "alarm_texts": "\n".join(f"{one.begin_s:.0f} s: {one.finding.text}" for one in watched.alarms),
         "swaps": int(np.sum(sources[1:] != sources[:-1])),
         "operator_actions": sum(one.kind == "operator" for one in signals.events),
         "duration_s": float(course.time_s[-1] - course.time_s[0]),
-        "torque_nm": watched.gains["torque"][0] * TORQUE_NM if "torque" in watched.gains else nan,
         "power_kw": _mean(course.values["power_kw"]),
     }
     for variable, unit in (("temperature", "c"), ("depth", "mm")):
@@ -89,11 +105,24 @@ def row(
         of = (known.mean(), known.std(), np.abs(known).max()) if known.size else (nan, nan, nan)
         for what, value in zip(("mean", "sigma", "max"), of, strict=True):
             found[f"{variable}_error_{what}_{unit}"] = float(value)
-    found["drift_torque_nm"], force_kn, found["drift_heat_c"] = watched.drifts()
-    found["drift_depth_um_per_min"] = 60e3 * nominal().depth_gain_mm_per_kn_s * force_kn
-    for gain in ("heat", "depth"):
-        found[f"gain_{gain}"] = watched.gains.get(gain, (nan, nan))[0]
-    return found
+    return found | _told_by_monitor(watched)
+
+
+def _told_by_monitor(watched: Watched) -> Row:
+    """The columns that are of the monitor within the weld."""
+    gains = {name: gain for name, (gain, _) in watched.gains.items()}
+    torque_nm, force_kn, heat_c = watched.drifts()
+    return {
+        "alarms": len(watched.alarms),
+        "alarm_kinds": ", ".join(dict.fromkeys(alarm.finding.cause.word for alarm in watched.alarms)),
+        "alarm_texts": "\n".join(f"{alarm.begin_s:.0f} s: {alarm.finding.text}" for alarm in watched.alarms),
+        "torque_nm": gains.get("torque", nan) * TORQUE_NM,
+        "gain_heat": gains.get("heat", nan),
+        "gain_depth": gains.get("depth", nan),
+        "drift_torque_nm": torque_nm,
+        "drift_depth_um_per_min": 60e3 * nominal().depth_gain_mm_per_kn_s * force_kn,
+        "drift_heat_c": heat_c,
+    }
 
 
 def _mean(values: FloatArray) -> float:
@@ -203,11 +232,7 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
             raise InputError(f"weld {name} is not in the history; it has {', '.join(names[-5:])}{others}")
         rows.append(names.index(name))
     before, after = (table.slice(i, 1).to_pylist()[0] for i in rows)
-    texts = [
-        (name, before[name] or "-", after[name] or "-", nan)
-        for name in (*TEXTS[1:-1], "swaps", "operator_actions")
-        if before[name] != after[name]
-    ]
+    texts = [(*change, nan) for change in changes(before, after)]
     found = []
     for name, words in NUMBERS.items():
         moves = np.abs(np.diff(column(table, name)))
@@ -216,4 +241,32 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
         change = after[name] - before[name]
         if isfinite(change) and sigma > 0.0 and abs(change) > 3.0 * sigma:
             found.append((words, f"{before[name]:.4g}", f"{after[name]:.4g}", change / sigma))
-    return [(name, str(a), str(b), z) for name, a, b, z in texts] + sorted(found, key=lambda one: -abs(one[3]))
+    return [*texts, *sorted(found, key=lambda entry: -abs(entry[3]))]
+
+
+def changes(before: Row, after: Row, names: Sequence[str] = (*_COMPARED, "swaps", "operator_actions")) -> list[Change]:
+    """Texts and counts that differ between two rows, then tuning and software."""
+    texts = [
+        (name, _short(before[name]), _short(after[name]))
+        for name in names
+        if before[name] is not None and after[name] is not None and before[name] != after[name]
+    ]
+    return [*texts, *(change for name in _MAPS for change in _map_changes(name, before[name], after[name]))]
+
+
+def _map_changes(name: str, before: str | None, after: str | None) -> Iterator[Change]:
+    """What differs between two maps in the groups that both have: controllers in both welds are compared alone."""
+    if before == after:
+        return
+    groups, others = (json.loads(text or "{}") for text in (before, after))
+    for group in [group for group in groups if group in others]:
+        old, new = groups[group], others[group]
+        for key in dict.fromkeys([*old, *new]):
+            if old.get(key) != new.get(key):
+                yield f"{name}, {group}: {key}", _short(old.get(key)), _short(new.get(key))
+
+
+def _short(value: object) -> str:
+    """A value in a line: of a hash its begin."""
+    text = "-" if value in (None, "") else str(value)
+    return text[:12] if len(text) == 64 and not set(text) - set("0123456789abcdef") else text

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,14 @@ import pyarrow as pa
 
 from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import page, png, source
-from fsw_quality.control_charts import CUSUM_LIMIT, SHEWHART_WIDTH, Chart, Trend, chart, trend
-from fsw_quality.history import NUMBERS, column
+from fsw_analysis.weld_signals import FloatArray
+from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, Chart, Trend, chart, limits, trend
+from fsw_quality.history import NUMBERS, Change, Row, changes, column
 from fsw_schema.files import write_whole
 
 #: rise of the torque at equal conditions at which a tool counts as worn (chosen: 5 % of what the model says) [N m]
 WORN_NM = 50.0
-#: smallest spreads that count (chosen): three of them are harmless, however alike the welds are
+#: smallest spreads that count (chosen): some of them are harmless, however alike the welds are
 _LEAST = {
     "temperature_error_mean_c": 0.1,
     "temperature_error_sigma_c": 0.1,
@@ -36,11 +38,38 @@ _LEAST = {
     "drift_depth_um_per_min": 0.5,
     "drift_heat_c": 0.5,
 }
-#: what is charted: all but what differs by intention
-CHARTED = tuple(name for name in NUMBERS if name != "duration_s")
-#: welds in the report's tables, and with the same alarm from which on that is one line
-_MOST, _ALIKE = 40, 3
-_CHARTS = {"shewhart": "Shewhart", "ewma": "EWMA", "cusum": "CUSUM"}
+#: what is charted: all but what differs by intention, as the duration does
+CHARTED = tuple(_LEAST)
+LIMITS = limits(len(CHARTED))
+#: quantities that cannot be negative and have a long tail
+SKEWED = tuple(name for name in CHARTED if "_sigma_" in name or "_max_" in name or name.startswith("drift_"))
+#: welds in the report's tables, welds with the same alarm from which on that is one line, and changes in a line
+_MOST, _ALIKE, _MOST_CHANGES = 40, 3, 3
+_CHARTS = {"shewhart": "Shewhart", "cusum": "CUSUM"}
+#: changes of these stand out from weld to weld, as do those of tuning and software
+_SETTINGS = ("machine", "tool", "procedure", "procedure_sha256")
+
+
+class Kind(StrEnum):
+    """What stands out at a weld."""
+
+    CHART = "chart"
+    ALARM = "alarm"
+    CHANGE = "change"
+    SWAP = "swap"
+    OPERATOR = "operator"
+    VERDICT = "verdict"
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something that stands out."""
+
+    at: int  #: number of the weld in the history, from 0
+    kind: Kind
+    #: the quantity that is charted, kinds of the weld's alarms, what changed, who operated, or the verdict
+    subject: str = ""
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +93,34 @@ class ToolLife:
 
 
 def charts(table: pa.Table) -> dict[str, Chart]:
-    """The control charts that can be made."""
-    made = {name: chart(column(table, name), least_sigma=_LEAST.get(name, 0.0)) for name in CHARTED}
-    return {name: one for name, one in made.items() if one is not None}
+    """The control charts that can be made: of each procedure and tool by itself, among the accepted welds."""
+    rows = table.select(["verdict", "alarms"]).to_pylist()
+    accepted = [row["verdict"] == "accept" or not (row["verdict"] or row["alarms"]) for row in rows]
+    return charts_of({name: column(table, name) for name in CHARTED}, accepted, _groups(table))
+
+
+def _groups(table: pa.Table) -> list[tuple[str, str]]:
+    """Procedure and tool of each weld."""
+    names = (table[name].to_pylist() for name in ("procedure_sha256", "tool"))
+    return [(procedure or "", tool or "") for procedure, tool in zip(*names, strict=True)]
+
+
+def charts_of(
+    columns: Mapping[str, FloatArray],
+    accepted: Sequence[bool] | None = None,
+    groups: Sequence[object] | None = None,
+) -> dict[str, Chart]:
+    """The control charts of quantities by weld; see :func:`fsw_quality.control_charts.chart`."""
+    made = {
+        name: chart(values, LIMITS, _LEAST[name], name in SKEWED, accepted, groups) for name, values in columns.items()
+    }
+    return {name: entry for name, entry in made.items() if entry is not None}
+
+
+def performance() -> dict[str, float]:
+    """Welds until the charts signal: all of them on stable welds, those of a quantity on a shift of 1, 2, 3 sigma."""
+    lengths = {f"arl_{shift}_sigma": LIMITS.run_length(shift) for shift in (1, 2, 3)}
+    return {"arl_stable": LIMITS.run_length() / len(CHARTED), **lengths}
 
 
 def tools(table: pa.Table) -> list[ToolLife]:
@@ -79,55 +133,62 @@ def tools(table: pa.Table) -> list[ToolLife]:
     ]
 
 
-def remarks(table: pa.Table, found: dict[str, Chart]) -> list[tuple[str, str]]:
-    """Weld and what stands out there: first signals of the charts, alarms, swaps, operators' actions, verdicts."""
-    names = table["weld"].to_pylist()
-    said = [*_signals(found), *_alarms(names, table["alarm_texts"].to_pylist())]
-    for i, weld in enumerate(table.select(["swaps", "operators", "verdict", "controllers"]).to_pylist()):
-        if weld["swaps"]:
-            said.append((i, f"{weld['swaps']} swap(s): {weld['controllers']}"))
-        if weld["operators"]:
-            said.append((i, f"operator acted: {weld['operators']}"))
-        if weld["verdict"] in ("review", "reject"):
-            said.append((i, f"verdict {weld['verdict']}"))
-    return [(names[i], text) for i, text in sorted(said)]
+def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
+    """What stands out: first signals of the charts, alarms, changed settings, swaps, operators' actions, verdicts."""
+    rows = table.to_pylist()
+    said = [*_signals(made, _groups(table)), *_alarms(rows)]
+    for i, (before, row) in enumerate(zip([None, *rows], rows, strict=False)):
+        if before and (changed := changes(before, row, _SETTINGS)):
+            said.append(_changed(i, changed))
+        if row["swaps"]:
+            said.append(Remark(i, Kind.SWAP, text=f"{row['swaps']} swap(s): {row['controllers']}"))
+        if row["operators"]:
+            said.append(Remark(i, Kind.OPERATOR, row["operators"], f"operator acted: {row['operators']}"))
+        if row["verdict"] in ("review", "reject"):
+            said.append(Remark(i, Kind.VERDICT, row["verdict"], f"verdict {row['verdict']}"))
+    return sorted(said, key=lambda entry: entry.at)
 
 
-def _signals(found: dict[str, Chart]) -> list[tuple[int, str]]:
-    """Where the charts of each quantity signal first; those that do so at the same weld in one line."""
-    said = []
-    for name, one in found.items():
-        first: dict[int, list[str]] = {}
-        for kind, at in one.signals.items():
-            if at:
-                first.setdefault(at[0], []).append(kind)
-        for at_first, kinds in first.items():
-            later = max(len(one.signals[kind]) for kind in kinds) - 1
+def _changed(at: int, changed: Sequence[Change]) -> Remark:
+    shown = "; ".join(f"{what} {before} → {after}" for what, before, after in changed[:_MOST_CHANGES])
+    more = f"; and {len(changed) - _MOST_CHANGES} more" * (len(changed) > _MOST_CHANGES)
+    return Remark(at, Kind.CHANGE, ", ".join(what for what, *_ in changed), f"changed: {shown}{more}")
+
+
+def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remark]:
+    """Where each chart signals first; the charts of a quantity that do so at the same weld in one line."""
+    for name, entry in made.items():
+        of_chart: dict[tuple[str, object], list[int]] = {}
+        for kind, welds in entry.signals.items():
+            for weld in welds:
+                of_chart.setdefault((kind, groups[weld]), []).append(weld)
+        first: dict[int, list[tuple[str, int]]] = {}
+        for (kind, _), welds in of_chart.items():
+            first.setdefault(welds[0], []).append((kind, len(welds) - 1))
+        for at, kinds in first.items():
+            later = max(count for _, count in kinds)
             more = f", and at {later} later weld{'s' * (later > 1)}" if later else ""
-            value = f"{one.values[at_first]:.4g}, normally {one.centre:.4g} ± {one.sigma:.2g}"
-            charts_of = ", ".join(_CHARTS[kind] for kind in kinds)
-            said.append((at_first, f"{charts_of} chart of {NUMBERS[name]} signals: {value}{more}"))
-    return said
+            value = f"{entry.values[at]:.4g}, the welds before {entry.centre[at]:.4g} ({entry.scores[at]:+.1f} σ)"
+            words = ", ".join(_CHARTS[kind] for kind, _ in kinds)
+            yield Remark(at, Kind.CHART, name, f"{words} chart of {NUMBERS[name]} signals: {value}{more}")
 
 
-def _alarms(names: Sequence[str], texts: Sequence[str | None]) -> list[tuple[int, str]]:
+def _alarms(rows: Sequence[Row]) -> Iterator[Remark]:
     """The alarms; one that many welds have, but for its figures, in one line at the first of them."""
     alike: dict[str, list[tuple[int, str]]] = {}
-    for i, lines in enumerate(texts):
-        for line in (lines or "").splitlines():
+    for i, row in enumerate(rows):
+        for line in (row["alarm_texts"] or "").splitlines():
             alike.setdefault(re.sub(r"[-+]?[0-9][0-9.]*", "#", line), []).append((i, line))
-    said = []
     for own in alike.values():
         welds = sorted({i for i, _ in own})
         if len(welds) > _ALIKE:
-            more = f"alarm in {len(welds)} welds, the last is {names[welds[-1]]}; here at {own[0][1]}"
-            said.append((welds[0], more))
-        else:
-            said += [(i, f"alarm at {line}") for i, line in own]
-    return said
+            last = rows[welds[-1]]["weld"]
+            own = [(welds[0], f"{own[0][1]}; in {len(welds)} welds, the last is {last}")]
+        for i, line in own:
+            yield Remark(i, Kind.ALARM, rows[i]["alarm_kinds"] or "", f"alarm at {line}")
 
 
-def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
+def write(table: pa.Table, target: Path, title: str) -> list[Remark]:
     """Write the report as one HTML file; returns what stands out.
 
     Raises
@@ -135,17 +196,23 @@ def write(table: pa.Table, target: Path, title: str) -> list[tuple[str, str]]:
     OSError
         If the file cannot be written.
     """
-    found = charts(table)
-    said = remarks(table, found)
+    made = charts(table)
+    said = remarks(table, made)
     text = page(
         "fsw_quality",
         "history.html.j2",
         title=title,
         welds=table.num_rows,
+        names=table["weld"].to_pylist(),
         remarks=said[-_MOST:],
         left_out=max(0, len(said) - _MOST),
         tools=tools(table),
-        image=source(draw(table, found)),
+        image=source(draw(table, made)),
+        limits=LIMITS,
+        false_signals=FALSE_SIGNALS,
+        stable=WELDS,
+        quantities=len(CHARTED),
+        performance=performance(),
         table=[{**one, "words": _short(one)} for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()],
     )
     write_whole(target, text)
@@ -164,31 +231,28 @@ def _short(one: dict[str, Any]) -> str:
     )
 
 
-def draw(table: pa.Table, found: dict[str, Chart]) -> bytes:
+def draw(table: pa.Table, made: dict[str, Chart]) -> bytes:
     """The control charts, as PNG: values with limits, CUSUM beside them, what signals in red."""
-    shown = list(found)
-    tool = table["tool"].to_pylist()
-    changes = [i + 0.5 for i in range(1, len(tool)) if tool[i] != tool[i - 1]]
-    with sheet(11.0, 1.6 * max(len(shown), 1) + 0.6) as figure:
-        axes = figure.subplots(max(len(shown), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
-        for (left, right), name in zip(axes, shown, strict=False):
-            one = found[name]
-            welds = np.arange(1, one.values.size + 1)
-            left.plot(welds, one.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1)
-            left.plot(welds, one.ewma, color="#0b62a4", linewidth=1.2)
-            for width in (-SHEWHART_WIDTH, 0.0, SHEWHART_WIDTH):
-                left.axhline(
-                    one.centre + width * one.sigma, color="0.5", linewidth=0.8, linestyle="--" if width else "-"
-                )
-            out = one.signals["shewhart"]
-            left.plot(welds[out], one.values[out], "o", color="#d1495b", markersize=5, fillstyle="none")
-            right.plot(welds, np.maximum(one.high, 0.0), color="#0b62a4", linewidth=1.0)
-            right.plot(welds, -one.low, color="#0b62a4", linewidth=1.0)
-            for limit in (CUSUM_LIMIT, -CUSUM_LIMIT):
+    groups = _groups(table)
+    begins = [i + 0.5 for i in range(1, len(groups)) if groups[i] != groups[i - 1]]
+    with sheet(11.0, 1.6 * max(len(made), 1) + 0.6) as figure:
+        axes = figure.subplots(max(len(made), 1), 2, sharex=True, squeeze=False, width_ratios=[2.2, 1.0])
+        for (left, right), (name, entry) in zip(axes, made.items(), strict=False):
+            welds = np.arange(1, entry.values.size + 1)
+            left.plot(welds, entry.values, ".", color="0.35", markersize=4 if welds.size < 500 else 1)
+            left.set_ylim(*left.get_ylim())  # the limits of the first welds are far away
+            left.plot(welds, entry.centre, color="0.5", linewidth=0.8)
+            for bound in (entry.low, entry.high):
+                left.plot(welds, bound, color="0.5", linewidth=0.8, linestyle="--")
+            out = sorted({weld for signals in entry.signals.values() for weld in signals})
+            left.plot(welds[out], entry.values[out], "o", color="#d1495b", markersize=5, fillstyle="none")
+            for one_sided in (entry.rise, -entry.fall):
+                right.plot(welds, one_sided, color="#0b62a4", linewidth=1.0)
+            for limit in (LIMITS.cusum, -LIMITS.cusum):
                 right.axhline(limit, color="#d1495b", linewidth=0.8, linestyle="--")
             left.set_title(NUMBERS[name], fontsize=8.5, loc="left")
             # one collection: a line for each of hundreds of tools takes seconds
-            left.vlines(changes, 0.0, 1.0, transform=left.get_xaxis_transform(), color="#2e8540", linewidth=0.8)
+            left.vlines(begins, 0.0, 1.0, transform=left.get_xaxis_transform(), color="#2e8540", linewidth=0.8)
         axes[0][1].set_title("CUSUM [σ]", fontsize=8.5, loc="left")
         for axis in axes[-1]:
             axis.set_xlabel("weld")

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
+from hypothesis import given
+from hypothesis import strategies as st
 
 pytest.importorskip("pyarrow")
 
+import pyarrow as pa
+
 from fsw_quality import control_charts, history, history_report
+from fsw_quality.history_report import LIMITS, Kind
 from fsw_schema.models import InputError
 from fsw_test_support.made_history import rows
 
@@ -48,14 +55,49 @@ def test_a_weld_under_another_name_is_refused_and_nothing_is_added(tmp_path: Pat
     assert history.add(tmp_path, [made[5] | {"files_sha256": ""}, made[5] | {"weld": "C", "files_sha256": ""}]) == 7
 
 
-def test_a_history_that_was_begun_without_hashes_is_continued(tmp_path: Path) -> None:
-    import pyarrow as pa
+def test_a_history_that_was_begun_without_hashes_and_settings_is_continued(tmp_path: Path) -> None:
     import pyarrow.parquet as pq
 
-    made = rows(3)
-    pq.write_table(pa.Table.from_pylist(made[:1]).drop_columns(["files_sha256"]), tmp_path / "000000.parquet")
-    assert history.add(tmp_path, made[1:]) == 3
-    assert history.load(tmp_path)["files_sha256"].to_pylist()[0] is None
+    made, new = rows(12), [*history.SETTINGS, "files_sha256"]
+    pq.write_table(pa.Table.from_pylist(made[:6]).drop_columns(new), tmp_path / "000000.parquet")
+    assert history.add(tmp_path, made[6:]) == 12
+    table = history.load(tmp_path)
+    assert all(table[name].to_pylist()[0] is None and table[name].to_pylist()[6] for name in new)
+    # what is not known has not changed
+    assert history.changes(table.to_pylist()[0], table.to_pylist()[6]) == []
+    assert not [one for one in history_report.write(table, tmp_path / "a.html", "A") if one.kind is Kind.CHANGE]
+    assert np.isnan(
+        history_report.charts(table)["torque_nm"].scores[6:11]
+    ).all()  # of the procedure, known from here on
+
+
+def test_what_was_set_otherwise_is_told_by_its_name() -> None:
+    before = rows(1)[0]
+    tuning = {"decentral": {"tuning": "smith", "band": 3}, "nmpc": {"horizon": 40}}
+    after = before | {
+        "tool": "T2",
+        "procedure": "lid B",
+        "procedure_sha256": "b" * 64,
+        "tuning": json.dumps(tuning),
+        "software": json.dumps({"welded": {"numpy": "2.1"}, "judged": {"fsw-control": "1.0", "scipy": "1"}}),
+        "controllers": "decentral, nmpc",
+    }
+    assert history.changes(before, before) == []
+    assert history.changes(before, after) == [
+        ("tool", "T1", "T2"),
+        ("procedure", "lid A", "lid B"),
+        ("procedure_sha256", "a" * 12, "b" * 12),
+        ("controllers", "decentral", "decentral, nmpc"),
+        ("tuning, decentral: tuning", "tight", "smith"),
+        ("tuning, decentral: band", "-", "3"),
+        ("software, welded: numpy", "2.0", "2.1"),
+        ("software, judged: scipy", "-", "1"),
+    ]
+    table = pa.Table.from_pylist([before, after], history.SCHEMA)
+    changed = [remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.CHANGE]
+    assert [remark.at for remark in changed] == [1]
+    for word in ("tool", "procedure", "tuning, decentral: tuning", "software, welded: numpy"):
+        assert word in changed[0].subject
 
 
 def test_a_weld_in_two_files_counts_once(tmp_path: Path) -> None:
@@ -86,33 +128,143 @@ def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path
         history.difference(history.load(tmp_path), "W00010", "W99999")
 
 
-def test_the_charts_are_silent_on_equal_welds_and_signal_a_shift_and_an_outlier() -> None:
+def test_equal_welds_give_no_signal_and_a_shift_and_an_outlier_do() -> None:
     values = np.random.default_rng(2).normal(5.0, 0.1, 60)
-    quiet = control_charts.chart(values)
-    assert quiet is not None and not quiet.signals["cusum"]
-    assert quiet.centre == pytest.approx(5.0, abs=0.1) and quiet.sigma == pytest.approx(0.1, rel=0.5)
-    values[40:] += 0.2
-    shifted = control_charts.chart(values)
-    assert shifted is not None and 40 <= shifted.signals["cusum"][0] < 50 and shifted.signals["ewma"]
-    values[40:] -= 0.2
+    quiet = control_charts.chart(values, LIMITS)
+    assert quiet is not None and quiet.signals == {"shewhart": [], "cusum": []}
+    assert np.isnan(quiet.scores[:5]).all() and np.abs(quiet.scores[5:]).max() < LIMITS.shewhart
+    assert quiet.centre[-1] == pytest.approx(5.0, abs=0.1)
+    shifted = control_charts.chart(values + 0.2 * (np.arange(60) >= 40), LIMITS)
+    assert shifted is not None and 40 <= shifted.signals["cusum"][0] < 55
     values[30] = 7.0
-    outlier = control_charts.chart(values)
-    assert outlier is not None and 30 in outlier.signals["shewhart"]
+    outlier = control_charts.chart(values, LIMITS)
+    assert outlier is not None and outlier.signals == {"shewhart": [30], "cusum": []}
+    assert outlier.centre[31] == outlier.centre[30]  # it has not said what is normal
 
 
-def test_wear_is_no_signal_of_the_welds_that_say_what_is_normal() -> None:
-    values = np.random.default_rng(2).normal(5.0, 0.1, 60) + 0.1 * np.arange(60)
-    wearing = control_charts.chart(values)
-    assert wearing is not None
-    first = {name: at[0] for name, at in wearing.signals.items() if name != "shewhart"}
-    assert first == dict.fromkeys(("ewma", "cusum"), control_charts.BASELINE)
-    assert sum(at < control_charts.BASELINE for at in wearing.signals["shewhart"]) <= 1
+@pytest.mark.parametrize("skewed", [False, True])
+@given(
+    seed=st.integers(0, 1000),
+    scale=st.floats(1e-3, 1e3),
+    shift=st.floats(-100.0, 100.0),
+)
+def test_scores_do_not_depend_on_unit_and_origin_nor_signals_on_sign(
+    skewed: bool, seed: int, scale: float, shift: float
+) -> None:
+    values = np.random.default_rng(seed).normal(5.0, 1.0, 40)
+    values[30:] += 4.0
+    least = 0.01
+    made = control_charts.chart(values, LIMITS, least, skewed)
+    origin = 0.0 if skewed else shift
+    other = control_charts.chart(scale * (values + origin), LIMITS, scale * least, skewed)
+    assert made is not None and other is not None and other.signals == made.signals
+    np.testing.assert_allclose(other.scores, made.scores, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(other.high[5:], scale * (made.high[5:] + origin), rtol=1e-6, atol=scale * 1e-6)
+    if not skewed:
+        mirrored = control_charts.chart(-values, LIMITS, least)
+        assert mirrored is not None and mirrored.signals == made.signals
+        np.testing.assert_array_equal(mirrored.fall, made.rise)
 
 
-def test_no_chart_without_values_or_spread() -> None:
-    assert control_charts.chart(np.array([1.0, np.nan, 2.0])) is None
-    assert control_charts.chart(np.ones(20)) is None
-    assert control_charts.chart(np.ones(20), least_sigma=0.1) is not None
+@given(seed=st.integers(0, 1000), welds=st.integers(6, 40))
+def test_a_score_depends_on_the_welds_before_but_not_on_their_order_nor_on_gaps(seed: int, welds: int) -> None:
+    random = np.random.default_rng(seed)
+    values = random.normal(5.0, 1.0, welds)
+    made = control_charts.chart(values, LIMITS)
+    mixed = control_charts.chart(np.append(random.permutation(values[:-1]), values[-1]), LIMITS)
+    gaps = np.full(2 * welds, np.nan)
+    gaps[1::2] = values
+    apart = control_charts.chart(gaps, LIMITS)
+    assert made is not None and mixed is not None and apart is not None
+    assert mixed.scores[-1] == pytest.approx(made.scores[-1], abs=1e-9)
+    np.testing.assert_array_equal(apart.scores[1::2], made.scores)
+    assert np.isnan(apart.scores[::2]).all()
+    shorter = control_charts.chart(values[:-1], LIMITS)
+    if shorter is not None:
+        np.testing.assert_array_equal(shorter.scores, made.scores[:-1])
+
+
+def test_scores_of_normal_welds_are_normal_from_the_first_that_is_judged_on() -> None:
+    random = np.random.default_rng(6)
+    made = [control_charts.chart(random.normal(5.0, 1.0, 9), LIMITS) for _ in range(500)]
+    scores = np.array([entry.scores[control_charts.LEAST_WELDS :] for entry in made if entry is not None])
+    assert scores.shape == (500, 4)
+    for weld in range(4):
+        assert scipy.stats.kstest(scores[:, weld], "norm").pvalue > 1e-3
+
+
+def test_no_chart_of_few_values_or_without_spread() -> None:
+    assert control_charts.chart(np.array([1.0, np.nan, 2.0]), LIMITS) is None
+    assert control_charts.chart(np.arange(5.0), LIMITS) is None
+    assert control_charts.chart(np.array([]), LIMITS) is None
+    assert control_charts.chart(np.full(20, 0.1), LIMITS) is None
+    assert control_charts.chart(np.full(20, 0.1), LIMITS, least=0.1) is not None
+    jump = control_charts.chart(np.append(np.ones(20), 2.0), LIMITS, least=0.1)
+    assert jump is not None and jump.signals["shewhart"] == [20]
+
+
+def test_a_new_tool_begins_a_new_chart_and_an_old_one_continues_its_own() -> None:
+    random = np.random.default_rng(7)
+    first, second = random.normal(5.0, 0.1, 30), random.normal(9.0, 0.1, 30)
+    groups = ["a"] * 20 + ["b"] * 30 + ["a"] * 10
+    made = control_charts.chart(np.concatenate([first[:20], second, first[20:]]), LIMITS, groups=groups)
+    alone = control_charts.chart(first, LIMITS)
+    assert made is not None and alone is not None and made.signals == {"shewhart": [], "cusum": []}
+    np.testing.assert_array_equal(np.delete(made.scores, np.s_[20:50]), alone.scores)
+
+
+def test_welds_that_were_not_accepted_do_not_say_what_is_normal() -> None:
+    made = rows(40, wear_nm=0.0)
+    for i in range(10, 20):
+        made[i] |= {"torque_nm": made[i]["torque_nm"] + 3.0}
+    alike = history_report.charts(pa.Table.from_pylist(made, history.SCHEMA))["torque_nm"]
+    for i in range(10, 20):
+        made[i] |= {"verdict": "review"} if i % 2 else {"verdict": "", "alarms": 1}
+    apart = history_report.charts(pa.Table.from_pylist(made, history.SCHEMA))["torque_nm"]
+    assert alike.centre[20] > alike.centre[10] + 1.0
+    assert apart.centre[20] == apart.centre[10]
+
+
+def test_each_tool_has_its_first_signal() -> None:
+    made = rows(60, wear_nm=0.0)
+    for i, row in enumerate(made):
+        row |= {"tool": f"T{1 + i // 30}", "torque_nm": row["torque_nm"] + 30.0 * (i in (20, 25, 50))}
+    table = pa.Table.from_pylist(made, history.SCHEMA)
+    said = history_report.remarks(table, history_report.charts(table))
+    shown = [remark.at for remark in said if (remark.kind, remark.subject) == (Kind.CHART, "torque_nm")]
+    assert shown == [20, 50]
+
+
+def test_limits_keep_the_share_of_false_signals_that_they_follow_from() -> None:
+    quantities, histories = 3, 300
+    charts, random = control_charts.limits(quantities), np.random.default_rng(8)
+    both = charts.quiet(control_charts.WELDS) ** (2 * quantities)
+    assert 1.0 - both == pytest.approx(control_charts.FALSE_SIGNALS, rel=1e-6)
+    signalled = 0
+    for _ in range(histories):
+        made = [control_charts.chart(random.normal(size=control_charts.WELDS), charts) for _ in range(quantities)]
+        signalled += any(at for entry in made if entry is not None for at in entry.signals.values())
+    assert scipy.stats.binomtest(signalled, histories, control_charts.FALSE_SIGNALS).pvalue > 1e-3
+    lengths = [charts.run_length(shift) for shift in (0.0, 1.0, 2.0, 3.0)]
+    assert lengths == sorted(lengths, reverse=True) and charts.run_length(-1.0) == pytest.approx(lengths[1])
+    wider = control_charts.limits(4 * quantities)
+    assert wider.cusum > charts.cusum and wider.shewhart > charts.shewhart
+
+
+def test_the_run_length_is_that_of_the_charts() -> None:
+    charts, random = control_charts.Limits(3.0, 4.0), np.random.default_rng(9)
+    # Montgomery, Introduction to Statistical Quality Control, table 9.4: a CUSUM with these figures, alone
+    assert control_charts.Limits(9.0, 4.0).run_length() == pytest.approx(168.0, rel=0.01)
+    assert control_charts.Limits(9.0, 5.0).run_length(1.0) == pytest.approx(10.4, rel=0.01)
+    lengths = []
+    for _ in range(2000):
+        scores = random.normal(1.0, 1.0, 200)
+        rise, weld = 0.0, 0
+        while weld < 200 and scores[weld] <= charts.shewhart and rise <= charts.cusum:
+            rise = max(0.0, rise + scores[weld] - control_charts.SLACK)
+            weld += rise <= charts.cusum
+        lengths.append(weld + 1)
+    assert charts.run_length(1.0) == pytest.approx(np.mean(lengths), rel=0.05)
 
 
 def test_a_tool_that_wears_has_a_life_whose_interval_holds_the_true_one() -> None:
@@ -133,11 +285,9 @@ def test_an_alarm_that_many_welds_have_is_one_line(tmp_path: Path) -> None:
     made[7]["alarm_texts"] += "\n90 s: the torque sensor drifts"
     history.add(tmp_path, made)
     table = history.load(tmp_path)
-    said = [one for one in history_report.remarks(table, {}) if "alarm" in one[1]]
-    assert said == [
-        ("W00005", "alarm in 20 welds, the last is W00024; here at 2605 s: 1.5 s late"),
-        ("W00007", "alarm at 90 s: the torque sensor drifts"),
-    ]
+    said = [remark for remark in history_report.remarks(table, {}) if remark.kind is Kind.ALARM]
+    assert [(remark.at, remark.subject) for remark in said] == [(5, "lag_force"), (7, "lag_force")]
+    assert "2605 s: 1.5 s late" in said[0].text and "20 welds" in said[0].text and "W00024" in said[0].text
 
 
 def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
@@ -147,7 +297,7 @@ def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
     history.add(tmp_path, made)
     said = history_report.write(history.load(tmp_path), tmp_path / "report.html", "History")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    for weld, words in (("W00025", "1 swap"), ("W00025", "operator acted: Ada"), ("W00030", "verdict review")):
-        assert any(one == weld and words in what for one, what in said)
-    assert any("CUSUM chart of torque at equal conditions" in what for _, what in said)
+    shown = {(remark.at, remark.kind, remark.subject) for remark in said}
+    assert {(25, Kind.SWAP, ""), (25, Kind.OPERATOR, "Ada"), (30, Kind.VERDICT, "review")} <= shown
+    assert any(remark.kind is Kind.CHART and remark.subject == "torque_nm" for remark in said)
     assert "&lt;it&gt; drifts" in text and "worn (50 N·m more) after" in text and "data:image/png;base64" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,13 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
     random = np.random.default_rng(seed)
     columns = {name: random.normal(mean, sigma, n).tolist() for name, (mean, sigma) in NORMAL.items()}
     columns["torque_nm"] = (1021.5 + wear_nm * np.arange(n) + random.normal(0.0, 1.0, n)).tolist()
+    software = {"welded": {"numpy": "2.0"}, "judged": {"fsw-control": "1.0"}}
+    settings = {
+        "procedure": "lid A",
+        "procedure_sha256": "a" * 64,
+        "tuning": json.dumps({"decentral": {"tuning": "tight"}}),
+        "software": json.dumps(software),
+    }
     texts = {"canister": "", "lid": "", "tool": "T1", "machine": "M", "controllers": "decentral", "operators": ""}
     none = {"verdict": "accept", "alarm_kinds": "", "alarm_texts": "", "alarms": 0, "swaps": 0, "operator_actions": 0}
     return [
@@ -35,6 +43,7 @@ def rows(n: int, wear_nm: float = 1.0, seed: int = 1) -> list[dict[str, Any]]:
             "weld": f"W{i:05d}",
             "files_sha256": f"{i:064x}",
             **texts,
+            **settings,
             **none,
             "start_ns": i,
             **{name: one[i] for name, one in columns.items()},
