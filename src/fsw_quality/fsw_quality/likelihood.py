@@ -62,10 +62,10 @@ _WARMTH_PER_NM = 0.05
 _NEARLY = 1.0
 #: innovations that are larger than expected count less: time over which they are observed [s], largest that counts
 _OBSERVED_S, _CLIP = 60.0, 9.0
-#: relative standard deviation of a coefficient that nobody identified: of plants within 10 %; of the tool's lag, which
-#: stands for the probe's, too; lag of the probe [s] (chosen)
 #: what an identified coefficient differs by from weld to weld, relative (chosen)
 _FROM_WELD_TO_WELD = 0.02
+#: relative standard deviation of a coefficient that nobody identified: of plants within 10 %; of the tool's lag, which
+#: stands for the probe's, too; lag of the probe [s] (chosen)
 _UNIDENTIFIED, _TOOL_LAG, _PROBE_S = 0.07, 1.2, 1.5
 
 
