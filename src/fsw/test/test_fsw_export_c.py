@@ -163,7 +163,7 @@ def test_another_model_and_tuning(tmp_path):
     assert "2400 ticks, largest difference 0: passed" in ran.stdout
     assert "600 ticks, largest difference 0: passed" in ran.stdout
     assert ".dead_time_s = 1.83," in (out / "src" / "fsw_nmpc_tables.c").read_text()
-    assert ".time_s = {2.0," in (out / "src" / "fsw_nmpc_tables.c").read_text()
+    assert ".depth_time_s = 2.0," in (out / "src" / "fsw_nmpc_tables.c").read_text()
 
 
 @pytest.mark.slow
