@@ -141,11 +141,8 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     clock = {} if speed is None else {"use_sim_time": True}
     page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi"), **clock}
-    watch = {"process": "canister" if machine or (scenario is not None and scenario.on_canister) else "paper", **clock}
-    for name in ("model_file", "covariance_file"):
-        if arguments[name]:
-            watch[name] = str(Path(arguments[name]).expanduser().absolute())
-    parameters["fsw_monitor"] = {"ros__parameters": watch}
+    process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
+    parameters["fsw_monitor"] = {"ros__parameters": {"process": process, **_model(arguments), **clock}}
     parameters["fsw_hmi"] = {"ros__parameters": page}
     if arguments["autostart"] in FALSE:
         for name in MANAGED:
@@ -168,6 +165,12 @@ def weld(context: LaunchContext) -> list[Any]:
     else:
         actions.append(node("fsw_scenario", "scenario", **_respawn()))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+def _model(arguments: dict[str, str]) -> dict[str, str]:
+    """The files of this machine's model that were given, as parameters of the monitor."""
+    given = {name: arguments[name] for name in ("model_file", "covariance_file") if arguments[name]}
+    return {name: str(Path(file).expanduser().absolute()) for name, file in given.items()}
 
 
 def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:

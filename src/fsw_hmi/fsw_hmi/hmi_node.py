@@ -186,9 +186,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 self._flags = flags_now(self._watch.values, self._watch.programme(), self._book, self._limits())
-                stopped = self._watch.state is not None and self._watch.state["actual_mode"] == "safe_stop"
                 values = self._watch.values | {"time_s": one.stamp_ns / NANOSECONDS}
-                stop = self._stopping.at(stopped, values, safe_state(self._interlocks))
+                stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
                 found = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{found}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))

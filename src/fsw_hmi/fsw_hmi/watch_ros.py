@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.cause import Cause
-from fsw_control.contract import Command, Reference
+from fsw_control.contract import SAFE_STOP, Command, Reference
 from fsw_control.diagnostic_names import local_name
 from fsw_control.reason import Reason
 from fsw_control.references_ros import reference_queue, subscribe_references
@@ -89,6 +89,11 @@ class Watch:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM)
 
     # ---------------------------------------------------------------- ticks
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the supervisor reports a safe stop."""
+        return self.state is not None and self.state["actual_mode"] == SAFE_STOP
 
     def look(self) -> None:
         """Leave the sensors of a plant that is silent; to be called several times a second."""

@@ -7,12 +7,11 @@ from math import ceil, isfinite, log, nan, pi, sqrt
 
 import numpy as np
 
+from fsw_control.sensors import SENSORS
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Finding, WatchCause
 
 _SECOND = round(1.0 / TICK_S)
-#: noise and resolution that a sensor is taken to have until its own are known (chosen: those of the emulator)
-NOMINAL = {"depth": (0.002, 1e-4), "torque": (2.0, 0.1), "thermocouple": (0.1, 0.01)}
 #: probability with which a healthy sensor repeats its value as often as a stuck one; fewest repetitions (chosen)
 _BY_CHANCE, _FEWEST = 1e-9, 10
 #: weight of a new sample in running means (chosen)
@@ -32,7 +31,8 @@ class SensorHealth:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._sigma, self._resolution = NOMINAL[name]
+        row = SENSORS[name]  # its noise and resolution count until its own are known
+        self._sigma, self._resolution = row.noise, row.resolution
         self._repeats = self._resolution / (2.0 * sqrt(pi) * self._sigma)  # share of samples like the one before
         self._last = self._before = self._carried = self._carried_before = nan
         self._run, self._doubtful = 0, False
