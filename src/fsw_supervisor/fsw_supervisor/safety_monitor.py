@@ -138,8 +138,8 @@ class SafetyMonitor:
         #: since when there is one of them (``Machine.time_ns``), each of which an interlock needs; None: there is none
         self.blind_since_ns: int | None = None
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
+        self.judged = False  #: any tick has been judged; before, nothing is known
         self._machine = machine
-        self._judged = False  #: anything has been measured
         self._guard = SensorGuard()
         self._consistency = Consistency()
         self._blindness = Blindness()
@@ -212,7 +212,7 @@ class SafetyMonitor:
 
     def _blind(self, but: tuple[str, ...]) -> str:
         """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
-        if not self._judged:
+        if not self.judged:
             return "nothing has been measured yet"
         invalid = (name for name in self.invalid_sensors if name not in but)
         return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in invalid)
@@ -220,7 +220,7 @@ class SafetyMonitor:
     def judge(self, tick: Tick, acting: Command | None) -> None:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
-        tick.judged = self._judged = True
+        tick.judged = self.judged = True
         tick.dropouts = tuple(name for name in REQUIRED if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()

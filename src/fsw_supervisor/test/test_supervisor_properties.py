@@ -225,7 +225,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         ok, message = self.arbiter.operator.acknowledge("operator")
         assert message
         safety = self.arbiter.safety
-        unknown = safety.tripped or safety.invalid_sensors or not self.arbiter.machine.tick
+        unknown = safety.tripped or safety.invalid_sensors or not safety.judged
         assert ok == (self.arbiter.machine.mode is Mode.SAFE_STOP and not unknown)
 
     @rule(name=st.sampled_from(NAMES), joins=st.booleans())
