@@ -49,7 +49,7 @@ from fsw_plant.config import specs
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import content_of, parse, text_of
-from fsw_scenario.standard_runs import on_all_cores
+from fsw_tuning.standard_runs import on_all_cores
 
 #: largest medians of the relative errors, in percent; of the dead time in s
 AIMS = {

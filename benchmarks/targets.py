@@ -32,7 +32,7 @@ from fsw_export.targets import results_page
 from fsw_test_support import c_targets
 
 ROOT = Path(__file__).resolve().parent.parent
-PUBLISHED = ROOT / "src" / "fsw_export" / "fsw_export" / "targets.json"
+PUBLISHED = ROOT / "lab" / "fsw_export" / "fsw_export" / "targets.json"
 PAGE = ROOT / "docs" / "results" / "targets.md"
 ALL = tuple(c_targets.TARGETS)
 #: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)

@@ -24,7 +24,7 @@ import gymnasium
 import numpy as np
 from report import parser, save, show
 
-import fsw.weld_env  # noqa: F401  (makes the environment known)
+import fsw_lab.weld_env  # noqa: F401  (makes the environment known)
 
 AIMS = {"many_on_all_cores_steps_per_s": 20_000.0}
 

@@ -23,11 +23,13 @@ if INTERRUPTIBLE:
     signal.signal(signal.SIGINT, _end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # of one that came before
 
+import contextlib
 import fcntl
 import hashlib
 import importlib
 import itertools
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -36,6 +38,10 @@ from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 SOURCES = WORKSPACE / "src"
+#: folders of the distributions: core, quality, lab; the core works without the others
+DISTRIBUTIONS = tuple(folder for name in ("src", "quality", "lab") if (folder := WORKSPACE / name).is_dir())
+#: further folders that the environment imports from
+SEARCHED = (WORKSPACE / "lab" / "studies", WORKSPACE / "test" / "support")
 #: interface packages that the wheels of ROS 2 lack
 INTERFACES = (SOURCES / "fsw_msgs", SOURCES / "fsw_recorder" / "interfaces" / "rosbag2_interfaces")
 OLDEST = (3, 11)
@@ -51,11 +57,11 @@ ROS_GLIBC = (2, 28)
 _HERE = Path(__file__).resolve().parent
 sys.path[:] = [*(path for path in sys.path if Path(path).resolve() != _HERE), str(_HERE)]
 #: set by the wheels of ROS 2 when they have set LD_LIBRARY_PATH, for which they start the interpreter again
-_WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 # with a sourced ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
 #: extras that the tests need; those of the second line are not there in the oldest supported versions
-TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "quality")
+TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf")
 NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
 
@@ -126,6 +132,7 @@ def ensure(dev=False, oldest=False, extras=()):
         # nodes may be running in it
         print(f"[set-up] {home.name} is of Python {made_with}; delete it to use {_minor(sys.version)}", file=sys.stderr)
         _go_on(home)
+    stale = inside and not _is_from_source(home)  # a folder to import from is missing in this process
     if not _is_ready(home, locks):
         try:
             with open(home.with_suffix(".lock"), "w") as turn:
@@ -140,7 +147,7 @@ def ensure(dev=False, oldest=False, extras=()):
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_sourced_ros() else []
     if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
-    if not inside:
+    if not inside or stale:
         _go_on(home)
     _on_interrupt(signal.default_int_handler)
 
@@ -163,7 +170,7 @@ def _go_on(home):
 
 
 def _run_again(python):
-    os.environ.pop(_WHEELS_READY, None)  # of another environment
+    os.environ.pop(WHEELS_READY, None)  # of another environment
     if INTERRUPTIBLE:  # it waits until the next interpreter is here
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.execv(python, [python, *sys.argv])
@@ -175,10 +182,15 @@ def _on_interrupt(handler):
 
 
 def start(module, extras=()):
-    """Go on inside the project's environment and end with what the ``main`` of a module returns."""
+    """Go on inside the project's environment and end with what the ``main`` of a module returns.
+
+    What commands and nodes need of extras is installed when they ask for it (``fsw_schema.extras``).
+    """
     try:
         ensure(extras=extras)
         _on_interrupt(_end)
+        with contextlib.suppress(ImportError):
+            importlib.import_module("fsw_schema.extras").install = lambda extra: ensure(extras=(extra,))
         main = importlib.import_module(module).main
         _on_interrupt(signal.default_int_handler)
         code = main()
@@ -217,7 +229,7 @@ def _made_with(home):
 
 def _stamp(lock):
     """What must be equal for an installed lock to be still right."""
-    parts = [f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()]
+    parts = [f"{sys.version_info[:2]}\n" + "\n".join(_packages(lock))]
     if lock.stem == ROS:
         sources = [path for folder in INTERFACES for path in folder.glob("*/*") if path.suffix in DEFINITIONS]
         sources.append(_HERE / "_interfaces.py")
@@ -225,14 +237,58 @@ def _stamp(lock):
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def _search_path():
-    """A .pth file: the source folders that the environment imports from."""
-    lines = sorted(str(path.parent) for path in SOURCES.glob("*/package.xml"))
-    lines += [str(WORKSPACE / "studies"), str(WORKSPACE / "test" / "support")]
-    return "".join(f"{line}\n" for line in lines)
+def _installed_from_source(home):
+    """Files of the environment, by path, that make it import from the source folders and know their entry points.
+
+    A .pth file, and for each distribution what an editable installation by pip leaves of its pyproject.toml.
+    """
+    import tomllib  # older Pythons, which are refused, lack it
+
+    lines = sorted(str(path.parent) for folder in DISTRIBUTIONS for path in folder.glob("*/package.xml"))
+    lines += [str(folder) for folder in SEARCHED if folder.is_dir()]
+    [site] = (home / "lib").glob("python3*/site-packages")
+    files = {site / "fsw_workspace.pth": "".join(f"{line}\n" for line in lines)}
+    source = (SOURCES / "fsw" / "fsw" / "__init__.py").read_text()
+    version = re.search(r'^__version__ = "(.*)"', source, re.MULTILINE)[1]
+    for folder in DISTRIBUTIONS:
+        file = (WORKSPACE if folder == SOURCES else folder) / "pyproject.toml"
+        project = tomllib.loads(file.read_text())["project"]
+        info = site / f"{project['name'].replace('-', '_')}-{version}.dist-info"
+        groups = {"console_scripts": project.get("scripts", {}), **project["entry-points"]}
+        files[info / "METADATA"] = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {version}\n"
+        files[info / "entry_points.txt"] = "".join(
+            f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+            for group, points in groups.items()
+        )
+    return files
+
+
+def _is_from_source(home):
+    try:
+        return all(path.read_text() == text for path, text in _installed_from_source(home).items())
+    except (OSError, ValueError):
+        return False
+
+
+def _install_from_source(home):
+    """Write what is missing or other than it was, and remove distributions that are there no longer."""
+    files = _installed_from_source(home)
+    kept = {path.parent for path in files}
+    for name in ("control", "quality", "lab"):
+        for old in set((home / "lib").glob(f"python3*/site-packages/fsw_{name}-*.dist-info")) - kept:
+            shutil.rmtree(old)
+    for path, text in files.items():
+        path.parent.mkdir(exist_ok=True)
+        scratch = path.with_name(f"{path.name}.{os.getpid()}")  # whole at once: nodes may be starting
+        scratch.write_text(text)
+        scratch.replace(path)
 
 
 def _is_ready(home, locks):
+    return _has_installed(home, locks) and _is_from_source(home)
+
+
+def _has_installed(home, locks):
     marks = [home / f"{lock.stem}.installed" for lock in locks]
     try:
         return _python(home).exists() and all(m.read_text() == _stamp(lk) for m, lk in zip(marks, locks))  # noqa: B905
@@ -248,24 +304,23 @@ def _make(home, locks):
         except (OSError, subprocess.CalledProcessError) as error:
             sys.exit(f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv")
     # those before the first one that is new are as they were; those after it may have other versions of its packages
-    old = len(list(itertools.takewhile(lambda lock: _is_ready(home, [lock]), locks)))
+    old = len(list(itertools.takewhile(lambda lock: _has_installed(home, [lock]), locks)))
     for lock in locks[old:]:
         names = _packages(lock)
         print(f"[set-up] installing {len(names)} packages of {lock.name} (once)", file=sys.stderr, flush=True)
         pip = [str(_python(home)), "-m", "pip", "--disable-pip-version-check", "install", "--only-binary", ":all:"]
         _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
-    for site in (home / "lib").glob("python3*/site-packages"):
-        (site / "fsw_workspace.pth").write_text(_search_path())
+    _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
         _build_interfaces(home)
-    for lock in locks:
+    for lock in locks[old:]:
         (home / f"{lock.stem}.installed").write_text(_stamp(lock))
 
 
 def _build_interfaces(home):
     """Build the messages that the wheels of ROS 2 lack, all packages at once."""
     print(f"[set-up] building {len(INTERFACES)} message packages (once)", file=sys.stderr, end="", flush=True)
-    environment = {name: value for name, value in os.environ.items() if name != _WHEELS_READY}
+    environment = {name: value for name, value in os.environ.items() if name != WHEELS_READY}
     command = [str(_python(home)), str(_HERE / "_interfaces.py")]
     running = [
         subprocess.Popen([*command, str(folder)], stdout=sys.stderr, stderr=subprocess.PIPE, text=True, env=environment)

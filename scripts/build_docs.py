@@ -21,7 +21,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from _bootstrap import ensure
+from _bootstrap import DISTRIBUTIONS, ensure
 
 if __name__ == "__main__":
     ensure(dev=True)
@@ -58,14 +58,18 @@ def with_rows(page: str) -> str:
 def with_packages(page: str) -> str:
     """The page with the drawing of the packages; an arrow leads to what is needed, unless a longer way leads there."""
     imports: dict[str, set[str]] = {}
-    for file in sorted((WORKSPACE / "src").glob("*/package.xml")):
-        needed = re.findall(r"<(?:exec_|build_)?depend>(fsw\w*)<", file.read_text("utf-8"))
-        imports[file.parent.name] = {*needed} - {"fsw_msgs"}
+    lines = ["```mermaid", "graph TD"]
+    for folder in reversed(DISTRIBUTIONS):
+        lines.append(f"    subgraph {folder.name}")
+        for file in sorted(folder.glob("*/package.xml")):
+            needed = re.findall(r"<(?:exec_|build_)?depend>(fsw\w*)<", file.read_text("utf-8"))
+            imports[file.parent.name] = {*needed} - {"fsw_msgs"}
+            lines.append(f"        {file.parent.name}")
+        lines.append("    end")
 
     def below(name: str) -> set[str]:
         return imports[name] | {other for one in imports[name] for other in below(one)}
 
-    lines = ["```mermaid", "graph TD"]
     for name, direct in imports.items():
         far = {other for one in direct for other in below(one)}
         lines += [f"    {name} --> {other}" for other in sorted(direct - far)]

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Builds the wheels of fsw-control and its source distribution, into out/dist.
+"""Builds the wheels of fsw-control, fsw-quality and fsw-lab, and the source distribution of the first, into out/dist.
 
 usage: build_wheels.py [--out FOLDER] [--host]
 
-The libraries are compiled by zig, for x86-64 and AArch64 with glibc 2.17 or newer; with --host for this machine
-alone, by its own compiler.
+The libraries of fsw-control are compiled by zig, for x86-64 and AArch64 with glibc 2.17 or newer; with --host
+for this machine alone, by its own compiler.
 """
 
 import sys
@@ -40,6 +40,8 @@ def main() -> int:
     build(WORKSPACE, arguments.out, "--sdist")
     for platform in ("",) if arguments.host else PLATFORMS:
         build(WORKSPACE, arguments.out, "--wheel", platform=platform)
+    for name in ("quality", "lab"):
+        build(WORKSPACE / name, arguments.out, "--wheel")
     for path in sorted(arguments.out.iterdir()):
         print(f"{path.stat().st_size / 1e3:8.0f} kB  {path}")
     return 0

@@ -5,9 +5,7 @@ usage: demo.py [--realtime] [--scenario NAME] [--controller NAME] [--out FOLDER]
        demo.py --live [--port PORT] [--scenario NAME] [--controller NAME] [--out FOLDER]
 """
 
-import sys
-
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw.demo", extras=("hmi",) if "--live" in sys.argv else ())
+    start("fsw.demo")

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from _bootstrap import DISTRIBUTIONS
 
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
-from fsw.schema_command import FILES, schema_text
+from fsw.schema_command import kinds, schema_text
 from fsw_analysis import markdown
 from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import INCLUDE, ParameterSpec, parse
@@ -58,6 +59,11 @@ def page(title: str, *lines: str) -> str:
     return "\n".join([f"# {title}", "", *lines, ""])
 
 
+def of_packages(pattern: str) -> list[Path]:
+    """Files of the packages of all distributions."""
+    return [path for folder in DISTRIBUTIONS for path in sorted(folder.glob(pattern))]
+
+
 def describes_parameters(text: str) -> bool:
     """Whether a YAML file is one that describes parameters."""
     content = yaml.safe_load(text)
@@ -69,7 +75,7 @@ def describes_parameters(text: str) -> bool:
 def parameters() -> dict[str, str]:
     """A page for the parameters of each package's nodes, one for the NMPC's tuning file, and a page that lists them."""
     pages, rows = {}, []
-    for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
+    for path in sorted(of_packages("fsw_*/fsw_*/*.yaml"), key=lambda path: path.parts[-3:]):
         text = path.read_text(encoding="utf-8")
         if describes_parameters(text):
             comment = [line.lstrip("# ") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())]
@@ -337,5 +343,5 @@ def argument(action: argparse.Action) -> str:
 def reference() -> dict[str, str]:
     """All files, by name."""
     pages = {**parameters(), **messages(), **scenarios(), **procedures(), **evidence(), **command_line()}
-    schemas = {f"{name}.schema.json": schema_text(name) for name in FILES}
+    schemas = {f"{name}.schema.json": schema_text(name) for name in kinds()}
     return {f"{name}.md": text for name, text in pages.items()} | schemas

@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_hmi.main", extras=("hmi",))
+    start("fsw_hmi.main")

@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_machine.machine_node", extras=("machine",))
+    start("fsw_machine.machine_node")

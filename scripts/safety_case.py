@@ -36,7 +36,7 @@ RESULTS = WORKSPACE / "docs" / "results" / "safety_tests.json"
 REACTIONS = RESULTS.with_name("reaction_times.json")
 #: values beyond it are not those of a weld: the model has left the range in which it holds
 _MODEL_HOLDS = {"mm": 10.0, "°C": 1083.0, "kN": 200.0, "N·m": 5000.0}
-TESTS = ("src/*/test", "test")
+TESTS = ("src/*/test", "quality/*/test", "lab/*/test", "test", "quality/test", "lab/test")
 #: ``left out``: not chosen by the arguments
 KINDS = ("passed", "failed", "skipped", "left out")
 HEAD = """# Safety requirements and their tests

@@ -27,7 +27,7 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 PAGES = [
     *(WORKSPACE / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((WORKSPACE / "docs").rglob("*.md")),
-    *sorted((WORKSPACE / "studies").glob("*/README.md")),
+    *sorted((WORKSPACE / "lab" / "studies").glob("*/README.md")),
 ]
 PARSERS = {
     "fsw.py": cache(operator_parser),
@@ -59,7 +59,7 @@ def commands() -> list[tuple[str, str]]:
 def parameters() -> set[str]:
     """Names of the parameters of all nodes."""
     names = {"use_sim_time"}
-    for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml"):
+    for path in WORKSPACE.glob("*/fsw_*/fsw_*/*.yaml"):
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         names |= set(content) if isinstance(content, dict) else set()
     return names
@@ -189,7 +189,7 @@ def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) 
     texts = [path.read_text(encoding="utf-8") for path in safety_case.test_files()]
     texts = [text for text in texts if re.search(r"^(?<!full\n)(async )?def test_", text, re.MULTILINE)]
     texts = [text for text in texts if not re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE)]
-    nodes = [path for path in (WORKSPACE / "src").glob("*/*/*_node.py") if is_program(path.read_text("utf-8"))]
+    nodes = [path for path in WORKSPACE.glob("*/fsw_*/fsw_*/*_node.py") if is_program(path.read_text("utf-8"))]
     assert len(nodes) >= 10
     named = [rf"\b{path.parent.name}(\.| import (\w+, )*){path.stem}\b" for path in nodes]
     assert [name for name in named if not any(re.search(name, text) for text in texts)] == []

@@ -21,11 +21,16 @@ def run(*command, cwd, **environment):
     ).stdout
 
 
-def test_every_package_is_in_the_wheel():
-    settings = tomllib.loads((WORKSPACE / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    named = {Path(path).name for path in settings["packages"]} | {"fsw_msgs", "fsw_bringup"}
-    manifests = list(WORKSPACE.glob("src/*/package.xml"))
-    assert {path.parent.name for path in manifests} == named
+@pytest.mark.parametrize(
+    ("project", "folder", "without"),
+    [(".", "src", {"fsw_msgs", "fsw_bringup"}), ("quality", "quality", set()), ("lab", "lab", set())],
+)
+def test_every_package_is_in_its_wheel(project, folder, without):
+    content = tomllib.loads((WORKSPACE / project / "pyproject.toml").read_text())
+    named = [WORKSPACE / project / path for path in content["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]]
+    assert all(path.is_dir() for path in named)
+    manifests = list((WORKSPACE / folder).glob("*/package.xml"))
+    assert {path.parent.name for path in manifests} == {path.name for path in named} | without
 
 
 @pytest.mark.slow
@@ -40,8 +45,12 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
         assert {"fsw_nmpc/_kernel.so", "fsw_decentral/_kernel.so"} <= set(content.namelist())
     venv.EnvBuilder(with_pip=True).create(home)
     pip = [home / "bin" / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
-    locks = [word for name in ("runtime", "gym") for word in ("-c", WORKSPACE / "requirements" / f"{name}.lock")]
-    run(*pip, *locks, "fsw-control[gym]", cwd=place, **os.environ)
+    locks = [
+        word
+        for name in ("runtime", "gym", "signing", "pdf")
+        for word in ("-c", WORKSPACE / "requirements" / f"{name}.lock")
+    ]
+    run(*pip, *locks, "fsw-lab[gym]", "fsw-quality[pdf]", cwd=place, **os.environ)
 
     def command(*words):
         return run(home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere")  # no compiler there
@@ -49,8 +58,10 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     assert command("--version") == f"fsw-control {fsw.__version__}\n"
     assert "IAE depth" in command("simulate", "quick", "--controller", "nmpc", "--no-figures")
     assert not (place / ".cache" / "fsw_nmpc").exists()  # the library was that of the wheel
-    env = "import gymnasium; print(gymnasium.make('fsw.weld_env:fsw/Weld-v0', scenario='quick').reset(seed=1)[0].shape)"
+    weld = "gymnasium.make('fsw_lab.weld_env:fsw/Weld-v0', scenario='quick')"
+    env = f"import gymnasium; print({weld}.reset(seed=1)[0].shape)"
     assert run(home / "bin" / "python", "-c", env, cwd=place, HOME=str(place)) == "(7,)\n"
     command("demo", "--scenario", "quick", "--controller", "decentral", "--out", "welded")
     written = {path.name for path in (place / "welded" / "quick").iterdir()}
     assert written == {"kpi.json", "kpi.md", "overview.png"}
+    assert "copper_lid" in command("record", "--help") and "--evaluations" in command("tune", "--help")

@@ -19,7 +19,7 @@ from fsw_schema.models import InputError
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.slow
-SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"
+SCRIPT = Path(__file__).parents[2] / "scripts" / "fsw.py"
 CAMPAIGN = {
     "name": "short",
     "scenario": {

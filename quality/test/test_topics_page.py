@@ -20,7 +20,7 @@ from fsw_test_support.ros_graph import Spinner, domain_id
 
 __all__ = ["domain_id"]
 pytestmark = pytest.mark.slow
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "topics.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "topics.md"
 ROW = re.compile(r"^\| `(/[\w/<>]+)` \|.*\| (reliable|transient local), keep last (\d+) \|$", re.MULTILINE)
 PROGRAMME = "{name: t, controller: nmpc, phases: [{name: dwell, duration_s: 60.0}]}"
 

@@ -14,4 +14,5 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
+    entry_points={"fsw.schemas": ["procedure = fsw_analysis.procedure:Procedure"]},
 )

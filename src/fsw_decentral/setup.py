@@ -20,6 +20,7 @@ setup(
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": ["decentral = fsw_schema.entry:fsw_decentral.decentral_node.main"],
+        "fsw.nodes": ["decentral = fsw_decentral.decentral_node:main"],
         "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],
     },
 )

@@ -12,5 +12,8 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["hmi = fsw_schema.entry:fsw_hmi.main.main"]},
+    entry_points={
+        "console_scripts": ["hmi = fsw_schema.entry:fsw_hmi.main.main"],
+        "fsw.nodes": ["hmi = fsw_hmi.main:main"],
+    },
 )

@@ -13,8 +13,8 @@ setup(
     ],
     extras_require={"test": ["pytest"]},
     entry_points={
-        "console_scripts": [
-            "machine = fsw_schema.entry:fsw_machine.machine_node.main",
-        ]
+        "console_scripts": ["machine = fsw_schema.entry:fsw_machine.machine_node.main"],
+        "fsw.nodes": ["machine = fsw_machine.machine_node:main"],
+        "fsw.schemas": ["machine = fsw_machine.machine_file:MachineFile"],
     },
 )

@@ -12,4 +12,5 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
+    entry_points={"fsw.schemas": ["model = fsw_model:ModelParameters"]},
 )

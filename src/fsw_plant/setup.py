@@ -12,5 +12,8 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": ["plant = fsw_schema.entry:fsw_plant.plant_node.main"]},
+    entry_points={
+        "console_scripts": ["plant = fsw_schema.entry:fsw_plant.plant_node.main"],
+        "fsw.nodes": ["plant = fsw_plant.plant_node:main"],
+    },
 )

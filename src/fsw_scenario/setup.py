@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version="0.3.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "py.typed"]},
+    package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "procedures/*.yaml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -19,6 +19,13 @@ setup(
             "scenario = fsw_schema.entry:fsw_scenario.scenario_node.main",
             "controller = fsw_schema.entry:fsw_scenario.controller_node.main",
             "open_loop = fsw_schema.entry:fsw_scenario.open_loop_node.main",
-        ]
+            "procedure = fsw_schema.entry:fsw_scenario.procedure_node.main",
+        ],
+        "fsw.nodes": [
+            "controller = fsw_scenario.controller_node:main",
+            "procedure = fsw_scenario.procedure_node:main",
+            "scenario = fsw_scenario.scenario_node:main",
+        ],
+        "fsw.schemas": ["scenario = fsw_scenario.scenario:Scenario"],
     },
 )

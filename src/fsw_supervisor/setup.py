@@ -14,5 +14,8 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     extras_require={"test": ["pytest"]},
-    entry_points={"console_scripts": [f"supervisor = fsw_schema.entry:{PACKAGE}.supervisor_node.main"]},
+    entry_points={
+        "console_scripts": ["supervisor = fsw_schema.entry:{PACKAGE}.supervisor_node.main"],
+        "fsw.nodes": ["supervisor = fsw_supervisor.supervisor_node:main"],
+    },
 )

@@ -146,7 +146,7 @@ def test_welds_are_judged_by_the_procedure(tmp_path, changes, verdict, rule):
 
 
 def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
     path = tmp_path / "lid.yaml"
     path.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
     file = tmp_path / "campaign.yaml"

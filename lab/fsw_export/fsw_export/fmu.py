@@ -15,6 +15,7 @@ from fsw_export.choice import Choice
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
+from fsw_schema.extras import Extra
 from fsw_schema.files import replacing
 from fsw_schema.models import InputError
 
@@ -100,9 +101,9 @@ def _sources(content: Content) -> tuple[dict[str, str], str]:
 
 def _fmpy() -> Path:
     """Folder of fmpy, which brings the headers of the standard."""
+    Extra("fsw-lab", "fmu", ("fmpy",)).need("fmpy, which brings the headers of FMI")
     found = find_spec("fmpy")
-    if found is None or found.origin is None:
-        raise InputError("needs the package fmpy, which brings the headers of FMI: pip install fmpy")
+    assert found is not None and found.origin is not None
     return Path(found.origin).parent
 
 
@@ -115,7 +116,6 @@ def _native() -> tuple[list[str], str, str]:
 
 def _cross(platform: str) -> tuple[list[str], str, str]:
     """The same for a platform of ``CROSS``."""
-    if find_spec("ziglang") is None:
-        raise InputError(f"{platform}: needs zig's compiler: pip install ziglang")
+    Extra("fsw-control", "compiler", ("ziglang",)).need(f"{platform}: zig's compiler")
     target, suffix = CROSS[platform]
     return [sys.executable, "-m", "ziglang", "cc", "-target", target], suffix, platform

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fsw_canister.history import LONGEST_HEATING_S
+from fsw_canister.stepped import LONGEST_HEATING_S
 from fsw_control import weld
 from fsw_control.parameters import validate
 from fsw_control.weld import TICK_S

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from fsw_canister.parameters import SHAPE, CanisterParameters
-from fsw_canister.projection import Progress, Projection, project
+from fsw_heat.projection import Progress, Projection, project
 from fsw_schema.files import replacing, user_cache
 from fsw_schema.models import InputError
 
@@ -23,7 +23,7 @@ Kind = TypeVar("Kind")
 def _shape(parameters: CanisterParameters, kind: type[Any]) -> str:
     """What a reduction depends on: geometry, discretisation and the sources that made it."""
     digest = hashlib.sha256()
-    for name in ("elements.py", "projection.py", *(["compact.py"] if kind is not Projection else [])):
+    for name in ("elements.py", "projection.py", *(["compaction.py"] if kind is not Projection else [])):
         digest.update((Path(__file__).parent / name).read_bytes())
     values = parameters.model_dump()
     return json.dumps({name: values[name] for name in SHAPE} | {"sources": digest.hexdigest()[:16]})
@@ -38,7 +38,7 @@ def cache_path(parameters: CanisterParameters, folder: Path | None = None, kind:
 def projection_of(
     parameters: CanisterParameters, cache: Path | None = None, progress: Progress | None = None
 ) -> Projection:
-    """A projection from the cache or made now; see :func:`fsw_canister.reduced.load_or_reduce`."""
+    """A projection from the cache or made now; see :func:`fsw_heat.reduced.load_or_reduce`."""
     return kept(Projection, parameters, cache, lambda: project(parameters, progress), progress)
 
 

@@ -8,7 +8,6 @@ The moving tool only turns the phase of the load.
 
 from __future__ import annotations
 
-import importlib
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,7 +20,10 @@ from numpy.typing import ArrayLike
 
 from fsw_canister.copper import Array
 from fsw_canister.parameters import CanisterParameters
+from fsw_schema.extras import Extra
 from fsw_schema.models import InputError
+
+EXTRA = Extra("fsw-lab", "canister", ("skfem", "meshio", "threadpoolctl"))
 
 #: growth of the elements away from where the tool passes
 _GROWTH = 1.4
@@ -49,10 +51,7 @@ def one_thread() -> AbstractContextManager[Any]:
 
 def extra(module: str) -> Any:
     """Module of the extra ``canister``; InputError where it is not installed."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise InputError(f"the canister's heat needs {module}: pip install 'fsw-control[canister]'") from None
+    return EXTRA.module(module, "the canister's heat")
 
 
 class Elements:

@@ -18,7 +18,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
 from fsw_canister import CanisterState
-from fsw_canister.history import HeatHistory
+from fsw_heat.history import HeatHistory
 
 #: isotherms [degC], closer where most of the canister is
 LEVELS_C = (30, 40, 60, 80, 100, 125, 150, 175, 200, 250, 300, 350, 400, 500, 600, 700, 800, 900, 1000)

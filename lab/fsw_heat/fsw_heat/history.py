@@ -9,14 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw_canister.copper import Array
-from fsw_canister.reduced import ReducedCanister
-from fsw_canister.stepped import CanisterState, HeatModel
-from fsw_schema.models import InputError
+from fsw_canister.stepped import CanisterState
+from fsw_heat.reduced import ReducedCanister
 
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10
-#: in which heating-up before the first tick must come to an end, chosen
-LONGEST_HEATING_S = 1800.0
 _PROGRESS_STEPS = 100
 
 
@@ -50,32 +47,6 @@ class HeatHistory:
         """Temperatures at places (radius [mm], angle [rad], height above the joint line [mm]), (kept, places)."""
         r, angle, z = np.array(places, dtype=float).reshape(-1, 3).T
         return np.array([self.canister.temperature_c(state, r, angle, z) for state in self.states])
-
-
-def heated(
-    canister: HeatModel,
-    power_kw: float,
-    motion: tuple[float, float],
-    dt_s: float,
-    missing_c: Callable[[CanisterState], float],
-) -> CanisterState:
-    """A canister heated from ambient by a constant power, in steps of ``dt_s``.
-
-    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c`` is called with each
-    state, also that at ambient: what is missing, at most 0 where heating ends.
-
-    Raises
-    ------
-    fsw_schema.models.InputError
-        If that takes too long, or the tool is off the copper.
-    """
-    traverse, axial_mm = motion
-    state = canister.initial(axial_mm=axial_mm)
-    for _ in range(round(LONGEST_HEATING_S / dt_s)):
-        if (rest_c := missing_c(state)) <= 0.0:
-            return state
-        state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
-    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {LONGEST_HEATING_S:g} s of heating")
 
 
 def heat_history(

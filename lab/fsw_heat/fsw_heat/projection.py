@@ -16,14 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_canister.copper import Array
-from fsw_canister.elements import Elements, elements_of, one_thread
+from fsw_canister.copper import TYPICAL, Array
 from fsw_canister.parameters import CanisterParameters
+from fsw_heat.elements import Elements, elements_of, one_thread
 
 Progress = Callable[[float, str], None]
 
-#: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
-TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
 #: time scales of the responses [1/s]; those slower than a mode's own decay by this factor are left out
 _SHIFTS_PER_S = (1e-4, 4e-4, 1.6e-3, 6.4e-3, 0.0256, 0.1, 0.4, 1.6, 6.4)
 _SLOWER = 0.1

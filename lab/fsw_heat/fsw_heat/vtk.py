@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fsw_canister.elements import Elements, elements_of, extra
-from fsw_canister.history import HeatHistory
+from fsw_heat.elements import Elements, elements_of, extra
+from fsw_heat.history import HeatHistory
 
 #: points around the circumference to the shortest wave of the model
 _POINTS_PER_WAVE = 3

@@ -11,7 +11,8 @@ pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r
 from scipy.integrate import quad
 from scipy.special import k0
 
-from fsw_canister import CanisterParameters, ReducedCanister, load_or_reduce
+from fsw_canister import CanisterParameters
+from fsw_heat import ReducedCanister, load_or_reduce
 
 pytestmark = pytest.mark.slow
 

@@ -12,6 +12,7 @@ from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
 from fsw.outputs import check_new, default_folder
 from fsw.progress import ProgressBar
+from fsw_schema.extras import Extra
 
 _REPORT = "report"
 #: arguments of only one of both forms
@@ -47,7 +48,7 @@ _ONLY_RUN, _ONLY_REPORT = (
     usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
     "       [--trusted FILE] [--require-signed]\n"
     "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
-    needs=("distributed", "pyarrow"),
+    needs=Extra("fsw-lab", "campaign", ("distributed", "pyarrow")),
 )
 def campaign(arguments: argparse.Namespace) -> int:
     report = arguments.file == _REPORT

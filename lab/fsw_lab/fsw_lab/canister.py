@@ -11,18 +11,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fsw.canister_weld import CanisterWeld, programmed, recorded
 from fsw.command import FORCE, command, file, number, option, repeated
 from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new, default_folder, new_folder, write_whole
 from fsw.progress import ProgressBar
-from fsw_analysis import heat_figures
 from fsw_analysis.export import write_table
-from fsw_canister import load_or_reduce
-from fsw_canister.elements import elements_of
-from fsw_canister.history import HeatHistory, heat_history
-from fsw_canister.vtk import write_vtk
+from fsw_heat import heat_figures, load_or_reduce
+from fsw_heat.elements import elements_of
+from fsw_heat.history import HeatHistory, heat_history
+from fsw_heat.vtk import write_vtk
+from fsw_lab.canister_weld import CanisterWeld, programmed, recorded
 from fsw_model import STEP_S
 from fsw_schema.models import InputError
 from fsw_schema.ranges import Range

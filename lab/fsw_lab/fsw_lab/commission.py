@@ -17,7 +17,17 @@ import fsw
 from fsw import __version__
 from fsw.bags import read_weld
 from fsw.command import GRAPH, command, file, number, option, switch
-from fsw.commissioning import (
+from fsw.console import program
+from fsw.errors import SHOWN, CommandError
+from fsw.outputs import new_folder, write_text
+from fsw.progress import ProgressBar
+from fsw.welds import Weld
+from fsw_analysis.changes import changes, part
+from fsw_analysis.kpi import compute
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control import weld
+from fsw_identification import report, summary
+from fsw_lab.commissioning import (
     STEPS,
     Course,
     Guard,
@@ -32,24 +42,14 @@ from fsw.commissioning import (
     tune_rows,
     write_report,
 )
-from fsw.console import program
-from fsw.errors import SHOWN, CommandError
-from fsw.outputs import new_folder, write_text
-from fsw.progress import ProgressBar
-from fsw.tune_command import EVALUATIONS, write_tunings
-from fsw.welds import Weld
-from fsw_analysis.changes import changes, part
-from fsw_analysis.kpi import compute
-from fsw_analysis.weld_signals import WeldSignals
-from fsw_control import weld
-from fsw_identification import report, summary
+from fsw_lab.tune_command import EVALUATIONS, write_tunings
 from fsw_model import ModelParameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_scenario.standard_cases import DEFAULT, TIGHT
-from fsw_scenario.tune_decentral import BOUNDS, NAMES, robustness, start_of
 from fsw_schema.models import InputError, content_of, read_text, validate
 from fsw_schema.ranges import Range
+from fsw_tuning.standard_cases import DEFAULT, TIGHT
+from fsw_tuning.tune_decentral import BOUNDS, NAMES, robustness, start_of
 
 #: the file by which commissioning is taken up again, and the report
 _COURSE, _REPORT = "commission.yaml", "report.md"
@@ -161,14 +161,14 @@ class Work:
 
     def check(self) -> Outcome:
         """Listen to the graph at rest."""
-        from fsw.commission_ros import listen
+        from fsw_lab.commission_ros import listen
 
         needed = sorted({"decentral", self._arguments.controller})
         return outcome_of(check_rows(listen(self._arguments, _TICKS), needed), _now())
 
     def experiment(self) -> Outcome:
         """Weld the experiment."""
-        from fsw.commission_ros import weld as weld_it
+        from fsw_lab.commission_ros import weld as weld_it
 
         bag = self._new_bag("experiment")
         weld_it(self._arguments, self._scenario("experiment").text, bag, Guard())
@@ -200,7 +200,7 @@ class Work:
 
     def apply(self) -> Outcome:
         """Set the gains of the decentralized controller; the NMPC must have been started with its file."""
-        from fsw.commission_ros import parameter, set_parameters
+        from fsw_lab.commission_ros import parameter, set_parameters
 
         if self._arguments.controller == "decentral":
             set_parameters(self._arguments, "fsw_decentral", self._parameters())
@@ -216,7 +216,7 @@ class Work:
 
     def accept(self) -> Outcome:
         """Weld the acceptance test, and compare it with the weld that the model predicts."""
-        from fsw.commission_ros import weld as weld_it
+        from fsw_lab.commission_ros import weld as weld_it
 
         scenario, bag, name = self._scenario("accept"), self._new_bag("accept"), self._arguments.controller
         weld_it(self._arguments, scenario.text, bag, Guard())

@@ -11,7 +11,6 @@ from typing import Any
 
 from rclpy.parameter import Parameter, parameter_value_to_python
 
-from fsw.commissioning import Guard, Heard
 from fsw.errors import CommandError
 from fsw.graph_ros import health
 from fsw.operator_node import Operator, domain_text, operator
@@ -23,6 +22,7 @@ from fsw_control.contract import SAFE_STOP
 from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, subscribe_sensors
 from fsw_control.weld import TICK_S
+from fsw_lab.commissioning import Guard, Heard
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import DriveFeedback, SupervisorState, WeldCommand, WeldReference
 from fsw_scenario.launcher import Launcher

@@ -15,10 +15,10 @@ from fsw_control import weld
 from fsw_control.contract import Limits
 from fsw_model import ModelParameters
 from fsw_plant.config import specs
-from fsw_scenario.identification_design import AIMS, SAFE_C, SAFE_MM, plant_factors
-from fsw_scenario.margins import GAIN_ACCURACY, texts
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError, Many, Model
+from fsw_tuning.identification_design import AIMS, SAFE_C, SAFE_MM, plant_factors
+from fsw_tuning.margins import GAIN_ACCURACY, texts
 
 
 class Step(NamedTuple):

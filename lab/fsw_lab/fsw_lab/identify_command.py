@@ -18,8 +18,8 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_identification import report, summary
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.config import specs
-from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 from fsw_schema.ranges import Range
+from fsw_tuning.identification_design import SAFE_C, SAFE_MM, propose
 
 #: lengths of an experiment that can be proposed, and the default
 _EXPERIMENT_S, _DURATION_S = Range(60.0, 1800.0, "s"), 300.0

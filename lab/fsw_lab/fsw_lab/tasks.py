@@ -1,4 +1,4 @@
-"""What else the command line does, for use in Python: tunings, campaigns, records of welds, exports."""
+"""What the commands do, for use in Python: tunings, campaigns, exports."""
 
 from __future__ import annotations
 
@@ -13,15 +13,12 @@ from fsw_campaign import definition
 from fsw_export.choice import Choice
 from fsw_model import ModelParameters, nominal
 from fsw_plant import PlantConfig, prepare
-from fsw_quality import procedure as procedures
-from fsw_quality.comparison import accepted_before, compare
 from fsw_schema.models import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from fsw_export.fmu_description import Content
-    from fsw_quality.record_content import Record
 
 
 @checked
@@ -60,8 +57,8 @@ def tune(
     {'temperature_time_s': 1.68}
     """
     from fsw_nmpc.tuning import Tuning
-    from fsw_scenario.tune_decentral import NAMES
-    from fsw_scenario.tune_decentral import tune as search
+    from fsw_tuning.tune_decentral import NAMES
+    from fsw_tuning.tune_decentral import tune as search
 
     known = {f"decentral:{name}": name for name in NAMES}
     if controller not in known and controller != "nmpc":
@@ -131,56 +128,6 @@ def campaign(
             with engine.connect(scheduler, workers) as client:
                 engine.run(written, client, progress)
     return dataset.load(Path(folder))[1]
-
-
-@checked
-def record(
-    bag: str | Path,
-    procedure: str | Path,
-    folder: str | Path | None = None,
-    *,
-    compare_with: str | Path | None = None,
-    progress: Progress | None = None,
-) -> Record:
-    """The record of a weld: verdict, rules, exceedances with their place.
-
-    Parameters
-    ----------
-    bag : str or Path
-    procedure : str or Path
-        A shipped one, or a YAML file.
-    folder : str or Path, optional
-        Where ``record.html``, ``record.json`` and, with extra ``quality``, ``record.pdf`` are written.
-    compare_with : str or Path, optional
-        Folder with records of earlier welds: the last accepted ones of the procedure are compared.
-    progress : callable, optional
-        Called with the share read, 0 to 1.
-
-    Raises
-    ------
-    fsw_schema.models.InputError
-        When the procedure is wrong.
-    fsw_recorder.errors.BagError
-        When there is no bag, it cannot be read, or it holds no weld in the procedure's phases.
-
-    Examples
-    --------
-    >>> import fsw
-    >>> fsw.record("no_such_bag", "copper_lid")
-    Traceback (most recent call last):
-    fsw_recorder.errors.BagError: no_such_bag: there is no such bag
-    """
-    from fsw_quality import record as records  # matplotlib takes a second to import
-    from fsw_quality import report
-
-    judged_by = procedures.load(procedure)
-    found, course = records.make(Path(bag), judged_by, progress)
-    if compare_with is not None:
-        found = found.changed(comparison=compare(found, accepted_before(Path(compare_with), found)))
-    if folder is not None:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        report.write(found, course, judged_by, Path(folder))
-    return found
 
 
 def _choice(unit: str, model: str | Path | None, tuning: str | Path | None, values: Mapping[str, Any] | None) -> Choice:

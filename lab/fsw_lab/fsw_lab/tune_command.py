@@ -16,12 +16,12 @@ from fsw.console import print_table
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
-from fsw_scenario import margins
-from fsw_scenario.identification_design import plant_factors
-from fsw_scenario.standard_cases import DEFAULT, TIGHT
-from fsw_scenario.standard_runs import draw_sweep, sweep
-from fsw_scenario.tune_decentral import NAMES
 from fsw_schema.ranges import Range
+from fsw_tuning import margins
+from fsw_tuning.identification_design import plant_factors
+from fsw_tuning.standard_cases import DEFAULT, TIGHT
+from fsw_tuning.standard_runs import draw_sweep, sweep
+from fsw_tuning.tune_decentral import NAMES
 
 #: processes that differ from the model, as factors on its parameters
 _SWEEP: dict[str, dict[str, float]] = {

@@ -1,6 +1,6 @@
 """A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once; and a policy as a controller.
 
-``gymnasium.make("fsw.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has given up entry points.
+``gymnasium.make("fsw_lab.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has given up entry points.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
     Examples
     --------
     >>> import gymnasium
-    >>> import fsw.weld_env
+    >>> import fsw_lab.weld_env
     >>> env = gymnasium.make("fsw/Weld-v0", scenario="quick")
     >>> seen, info = env.reset(seed=1)
     >>> seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
@@ -206,7 +206,7 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
     Examples
     --------
     >>> import gymnasium
-    >>> import fsw.weld_env
+    >>> import fsw_lab.weld_env
     >>> envs = gymnasium.make_vec("fsw/Weld-v0", num_envs=8, vectorization_mode="vector_entry_point", scenario="quick")
     >>> seen, info = envs.reset(seed=1)
     >>> seen.shape
@@ -269,8 +269,8 @@ class PolicyController(Controller):
 
     Examples
     --------
-    >>> import fsw, fsw.weld_env
-    >>> policy = fsw.weld_env.PolicyController(lambda seen: [5 * (seen[5] - seen[0]) - 2 * seen[3], 0.0])
+    >>> import fsw, fsw_lab.weld_env
+    >>> policy = fsw_lab.weld_env.PolicyController(lambda seen: [5 * (seen[5] - seen[0]) - 2 * seen[3], 0.0])
     >>> fsw.simulate("quick", policy).kpi["iae_depth_mm_s"] < 3.0
     True
     """

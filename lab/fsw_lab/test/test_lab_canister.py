@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock")
 
-import fsw.canister_weld as canister_weld
-import fsw_analysis.heat_figures as heat_figures
+import fsw_heat.heat_figures as heat_figures
+import fsw_lab.canister_weld as canister_weld
 from fsw.main import main
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from fsw import commission, commission_ros
-from fsw.commissioning import (
+from fsw.errors import CommandError
+from fsw.main import main
+from fsw_lab import commission, commission_ros
+from fsw_lab.commissioning import (
     STEPS,
     Course,
     Guard,
@@ -25,8 +27,6 @@ from fsw.commissioning import (
     margin_rows,
     outcome_of,
 )
-from fsw.errors import CommandError
-from fsw.main import main
 from fsw_model import ModelParameters
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
@@ -280,3 +280,17 @@ def test_neither_ctrl_c_nor_sigterm_keeps_a_weld_from_being_aborted(monkeypatch)
         assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(monkeypatch):
+    answers = [False, True]
+    monkeypatch.setattr(commission_ros, "abort", lambda _: answers.pop(0))
+    assert commission_ros._aborted(None) == "the weld was aborted, and the safe stop is requested"
+    answers = [False, False]
+    assert commission_ros._aborted(None) == "no weld was under way"
+
+    def no_answer(_):
+        raise CommandError("no answer")
+
+    monkeypatch.setattr(commission_ros, "abort", no_answer)
+    assert "a weld may go on, or begin yet" in commission_ros._aborted(None)

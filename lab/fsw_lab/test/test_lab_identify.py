@@ -9,13 +9,14 @@ import pytest
 import yaml
 
 from fsw.main import main
-from fsw.tune_command import write_tunings
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_lab.tune_command import write_tunings
 from fsw_model import ModelParameters
-from fsw_scenario import identification_design, scenario_file
+from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_test_support.sample_weld import write_sample_weld
+from fsw_tuning import identification_design
 
 GOLDEN = Path(__file__).resolve().parents[3] / "test" / "golden"
 
@@ -155,7 +156,7 @@ class Loops:
 def test_tuned_files_are_taken_by_the_controllers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("fsw.tune_command.margins.Loops", Loops)
+    monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", Loops)
     model, out = tmp_path / "model.yaml", tmp_path / "out"
     model.write_text("dead_time_s: 3.5\n")
     tune = ["tune", "--model", str(model), "--evaluations", "3", "--no-sweep"]
@@ -174,7 +175,7 @@ def test_tuned_files_are_taken_by_the_controllers(
 def test_the_nmpc_is_slowed_until_its_margins_are_those_of_the_tight_tuning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fsw.tune_command.margins.Loops", Loops)
+    monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", Loops)
     model = tmp_path / "model.yaml"
     model.write_text("dead_time_s: 3.5\n")
     (out := tmp_path / "out").mkdir()

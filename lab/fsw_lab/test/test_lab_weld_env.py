@@ -11,7 +11,7 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from fsw import weld_env  # noqa: E402
+from fsw_lab import weld_env  # noqa: E402
 from fsw_schema.models import InputError  # noqa: E402
 
 

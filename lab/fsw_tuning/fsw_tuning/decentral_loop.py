@@ -20,7 +20,7 @@ from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_decentral import DecentralController, Gains
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
 from fsw_scenario.scenario import tick_of
-from fsw_scenario.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
+from fsw_tuning.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]

@@ -17,9 +17,9 @@ from fsw_model import ModelParameters, ProcessModel, nominal
 from fsw_plant.config import PlantConfig
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
-from fsw_scenario.decentral_loop import NOISE
 from fsw_scenario.scenario import OPEN_LOOP
 from fsw_scenario.scenario_file import parse
+from fsw_tuning.decentral_loop import NOISE
 
 #: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0

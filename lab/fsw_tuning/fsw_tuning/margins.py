@@ -15,9 +15,9 @@ from fsw_control.contract import Command, Controller
 from fsw_model import STEP_S, ModelParameters, nominal
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
-from fsw_scenario.identification_design import plant_factors
 from fsw_scenario.scenario_file import parse
-from fsw_scenario.standard_cases import DEFAULT
+from fsw_tuning.identification_design import plant_factors
+from fsw_tuning.standard_cases import DEFAULT
 
 #: steps of both set-points so small that the loop is linear
 _SMALL_STEPS = """

@@ -19,7 +19,7 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, scenario
+from fsw_tuning.standard_cases import CASES, CONSERVATIVE, scenario
 
 #: An output moves if it does by more than this over the last `_LAST` ticks; after `_SETTLE_S` more, it oscillates.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
-from fsw_scenario.decentral_loop import errors, noise_moves, process_model, sensitivity
-from fsw_scenario.standard_cases import REST
+from fsw_tuning.decentral_loop import errors, noise_moves, process_model, sensitivity
+from fsw_tuning.standard_cases import REST
 
 Vector = NDArray[np.float64]
 #: Margins by which bounds and targets are kept, so that they hold after rounding.

@@ -8,9 +8,9 @@ import pytest
 
 from fsw_decentral import Gains, tunings
 from fsw_model import nominal
-from fsw_scenario import decentral_loop, tune_decentral
-from fsw_scenario.decentral_loop import noise_moves, sensitivity, simulate, simulated_sensitivity
-from fsw_scenario.tune_decentral import BOUNDS, SEARCHED, TARGETS
+from fsw_tuning import decentral_loop, tune_decentral
+from fsw_tuning.decentral_loop import noise_moves, sensitivity, simulate, simulated_sensitivity
+from fsw_tuning.tune_decentral import BOUNDS, SEARCHED, TARGETS
 
 EACH = pytest.mark.parametrize("name", tunings())
 

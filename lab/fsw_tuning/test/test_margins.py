@@ -5,7 +5,7 @@ import math
 import pytest
 
 from fsw_model import nominal
-from fsw_scenario.margins import Loops, largest_delay, largest_gain, texts
+from fsw_tuning.margins import Loops, largest_delay, largest_gain, texts
 
 
 def test_late_and_strong_processes_end_stability():

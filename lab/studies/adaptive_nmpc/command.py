@@ -13,7 +13,7 @@ from fsw_campaign.software import versions
 
 #: random plants between two writings of the numbers
 _AT_ONCE = 20
-_RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+_RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

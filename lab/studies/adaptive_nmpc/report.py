@@ -19,8 +19,8 @@ from fsw_analysis.markdown import table
 from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_model import nominal as nominal_parameters
-from fsw_scenario.standard_cases import CASES, EVENTS, SMITH, TIGHT
-from fsw_scenario.standard_runs import JUDGED, Figures
+from fsw_tuning.standard_cases import CASES, EVENTS, SMITH, TIGHT
+from fsw_tuning.standard_runs import JUDGED, Figures
 
 #: What must not be lost by adapting: a share of any figure.
 TOLERATED = 1.1

@@ -11,8 +11,8 @@ from adaptive_nmpc.study import ADAPTIVE, FIXED, controllers, errors
 from controller_comparison.processes import CORRELATIONS
 from fsw.progress import ProgressBar
 from fsw_model import nominal as nominal_parameters
-from fsw_scenario.standard_cases import CASES
-from fsw_scenario.standard_runs import Job, on_all_cores, weld
+from fsw_tuning.standard_cases import CASES
+from fsw_tuning.standard_runs import Job, on_all_cores, weld
 
 _DEAD_S = nominal_parameters().dead_time_s
 #: What is drawn: uniformly, and factors in their logarithm.

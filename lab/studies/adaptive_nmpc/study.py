@@ -22,8 +22,8 @@ from fsw_control.contract import Command
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
 from fsw_model import nominal as nominal_parameters
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
-from fsw_scenario.standard_runs import Figures, Job, failed, loop_of, on_all_cores, run_all, weld
+from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
+from fsw_tuning.standard_runs import Figures, Job, failed, loop_of, on_all_cores, run_all, weld
 
 ADAPTIVE = "nmpc:adaptive"
 #: The same tuning with the gain and dead time of the model, and without its test for heat.

@@ -17,7 +17,7 @@ from fsw_schema.models import InputError
 #: of the whole weld
 _WHOLE_MINUTES = 45.0
 _PARTS = {"validation.json": "validate", "properties.json": "properties"}
-_RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+_RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
 from fsw_analysis.figure_style import COLOURS, colours_of, shade_phases, sheet
 from fsw_analysis.report import templates, wilson
-from fsw_canister.compact import TOLERANCE_K
+from fsw_heat.compaction import TOLERANCE_K
 from fsw_model import nominal
 
 PI = ("decentral:conservative", "decentral:tight")

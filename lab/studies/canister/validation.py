@@ -11,11 +11,13 @@ import numpy as np
 from canister.full import exact_stir_zone_c
 from fsw_analysis.changes import part
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
-from fsw_canister import CanisterParameters, CanisterState, CompactCanister, HeatModel, load_or_reduce
-from fsw_canister.cache import projection_of
-from fsw_canister.compact import TOLERANCE_K, compact_of
-from fsw_canister.history import ToolCourse, heated
+from fsw_canister import CanisterParameters, CanisterState, CompactCanister, HeatModel
+from fsw_canister.stepped import heated
 from fsw_control.weld import TICK_S
+from fsw_heat import load_or_reduce
+from fsw_heat.cache import projection_of
+from fsw_heat.compaction import TOLERANCE_K, compact_of
+from fsw_heat.history import ToolCourse
 from fsw_identification.estimation import identify
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal

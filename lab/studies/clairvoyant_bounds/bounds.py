@@ -10,7 +10,7 @@ import numpy as np
 from clairvoyant_bounds.optimum import Clairvoyant
 from fsw.progress import ProgressBar
 from fsw_control import Reference
-from fsw_scenario.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
+from fsw_tuning.standard_cases import DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 
 #: Weights of 1 mm in °C for the front between both outputs, and for their joint optimum, which is one of them.
 _FRONT, _JOINT = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0), 100.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from clairvoyant_bounds.bounds import bounds
 from fsw.console import print_table
-from fsw_scenario.standard_cases import EVENTS
+from fsw_tuning.standard_cases import EVENTS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,9 +15,9 @@ from typing import Any
 from clairvoyant_bounds.bounds import bounds
 from controller_comparison import figures, other_models, report, sensing, study
 from controller_comparison.processes import SWEEP
-from fsw_scenario.standard_runs import draw_sweep
+from fsw_tuning.standard_runs import draw_sweep
 
-WORKSPACE = Path(__file__).resolve().parents[2]
+WORKSPACE = Path(__file__).resolve().parents[3]
 
 
 def compare(out: Path, plants: int) -> dict[str, Any]:

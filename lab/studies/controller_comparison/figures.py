@@ -11,7 +11,7 @@ import numpy as np
 from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
 from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, sheet
 from fsw_analysis.figures import Run, draw, draw_outputs
-from fsw_scenario.standard_runs import JUDGED, Job, weld
+from fsw_tuning.standard_runs import JUDGED, Job, weld
 
 
 def papers(folder: Path) -> None:

@@ -12,9 +12,9 @@ import yaml
 from controller_comparison.processes import DEAD_TIME_S, random_factors
 from fsw.progress import ProgressBar
 from fsw_model import nominal
-from fsw_scenario.standard_cases import CASES, DEFAULT
-from fsw_scenario.standard_runs import Job, figures, judged, on_all_cores
-from fsw_scenario.tune_decentral import NAMES, tune
+from fsw_tuning.standard_cases import CASES, DEFAULT
+from fsw_tuning.standard_runs import Job, figures, judged, on_all_cores
+from fsw_tuning.tune_decentral import NAMES, tune
 
 #: Factors on the paper's parameters, drawn independently and uniformly.
 FACTORS = {

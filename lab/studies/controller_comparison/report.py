@@ -10,9 +10,9 @@ import numpy as np
 
 from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, MATCHED, TOLERANCE, VARIATIONS, ratios
 from fsw_analysis.report import templates
-from fsw_scenario.margins import TITLES, texts
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
-from fsw_scenario.standard_runs import JUDGED, failed
+from fsw_tuning.margins import TITLES, texts
+from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
+from fsw_tuning.standard_runs import JUDGED, failed
 
 Rows = list[list[str]]
 #: the pages, each with the part of the data that it cannot do without

@@ -10,9 +10,9 @@ import numpy as np
 from controller_comparison.processes import RANDOM_SENSING, REST, SENSING
 from controller_comparison.study import CONTROLLERS, LATENCY, VARIATIONS, entrants, random_plants
 from fsw.progress import ProgressBar
-from fsw_scenario.margins import Loops
-from fsw_scenario.standard_cases import CASES
-from fsw_scenario.standard_runs import JUDGED, Figures, Job, on_all_cores, run_all
+from fsw_tuning.margins import Loops
+from fsw_tuning.standard_cases import CASES
+from fsw_tuning.standard_runs import JUDGED, Figures, Job, on_all_cores, run_all
 
 #: Of the noise, over which a mean is taken: coloured noise has fewer independent samples in a weld.
 _SEEDS = (1, 2)

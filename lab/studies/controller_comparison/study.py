@@ -15,10 +15,10 @@ import yaml
 from controller_comparison.processes import BELOW_NOISE, FIXED, RANDOM, REST, SWEEP, VALIDATION_CASES, random_factors
 from fsw.progress import ProgressBar
 from fsw_analysis.kpi_table import ROWS
-from fsw_scenario import standard_runs
-from fsw_scenario.margins import Loops, slower_for
-from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
-from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed
+from fsw_tuning import standard_runs
+from fsw_tuning.margins import Loops, slower_for
+from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
+from fsw_tuning.standard_runs import JUDGED, Figures, Job, failed
 
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 CONTROLLERS = (*DECENTRALIZED, SMITH, "nmpc:paper", DEFAULT)

@@ -13,8 +13,8 @@ from fsw.outputs import write_text
 from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
 from fsw_model import ModelParameters, OperatingPointError, nominal
-from fsw_scenario.decentral_loop import errors, simulated_sensitivity
-from fsw_scenario.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune
+from fsw_tuning.decentral_loop import errors, simulated_sensitivity
+from fsw_tuning.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune
 
 #: factors on model parameters, for the check of a tuning on other processes than that it was made for
 MISMATCH = {

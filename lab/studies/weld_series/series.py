@@ -13,13 +13,14 @@ from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.journal import RequestKind
 from fsw_control.parameters import load_source, validate
 from fsw_control.weld import TICK_S
-from fsw_quality import history, procedure, record, report
+from fsw_quality import history, record, report
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
-from fsw_quality.procedure import Procedure
 from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import described_in, make_all, variant_of
+from fsw_scenario.procedure import Procedure
 from fsw_scenario.programme_signals import progress
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse

@@ -16,7 +16,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Strict
 
-from fsw_quality.procedure import Identity
+from fsw_recorder.bag_metadata import ATTESTATION_NAME as ATTESTATION_NAME
+from fsw_recorder.bag_metadata import IDENTITY as IDENTITY
 from fsw_recorder.bag_metadata import METADATA_NAME, read_metadata
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.clock_source import UNKNOWN
@@ -24,13 +25,12 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, finding, summary
 from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
 from fsw_recorder.manifest_check import check_files, complete
-from fsw_recorder.signature import LibraryMissingError, Purpose, Signer, TrustedKey, signature_path, verify_file
+from fsw_recorder.signature import Purpose, Signer, TrustedKey, signature_path, verify_file
+from fsw_scenario.procedure import Identity
+from fsw_schema.extras import MissingExtraError
 from fsw_schema.files import read_regular
 from fsw_schema.models import InputError, Many, Model, json_content_of, validate
 
-ATTESTATION_NAME = "attestation.json"
-#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
-IDENTITY = ("canister", "lid", "tool", "machine")
 #: clocks of two computers may differ by so much (chosen)
 CLOCKS = timedelta(seconds=60)
 
@@ -269,7 +269,7 @@ def statement(bag: Path) -> tuple[list[str], list[str]]:
         signed = read_signed(bag / ATTESTATION_NAME, None)
         if wrong := [*other_identity(bag, signed.content), *manifest_findings(bag, signed.content)]:
             raise EvidenceError(*wrong)
-    except LibraryMissingError as error:
+    except MissingExtraError as error:
         return [*lines, f"signatures cannot be checked: {error}"], []
     except InputError as error:
         text = f"not as it was signed: {error}"

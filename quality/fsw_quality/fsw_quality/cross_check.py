@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fsw_quality.attestation import IDENTITY
-from fsw_quality.procedure import Procedure
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
 from fsw_quality.report import PAGE, PDF, json_sha256, stated_otherwise
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
+from fsw_scenario.procedure import Procedure
 from fsw_schema.models import json_content_of, validate
 
 _RECORD = b'"fsw_weld_record"'

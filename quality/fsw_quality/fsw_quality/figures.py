@@ -12,8 +12,8 @@ from fsw_analysis.course import Course
 from fsw_analysis.figure_style import sheet
 from fsw_analysis.report import png
 from fsw_analysis.rule_book import Kind
-from fsw_quality.procedure import Procedure
 from fsw_quality.record_content import Record
+from fsw_scenario.procedure import Procedure
 
 _PANELS = {
     "depth_mm": "depth [mm]",

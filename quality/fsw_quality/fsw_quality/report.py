@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from html import unescape
-from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 
@@ -12,10 +11,10 @@ import matplotlib
 
 from fsw_analysis.course import Course
 from fsw_analysis.report import page, source
-from fsw_quality import figures
-from fsw_quality.procedure import Procedure
+from fsw_quality import figures, record_hook
 from fsw_quality.record_content import Record
 from fsw_recorder.manifest import sha256
+from fsw_scenario.procedure import Procedure
 from fsw_schema.files import write_whole
 
 #: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
@@ -60,17 +59,16 @@ def _text(document: bytes) -> str:
     """What is written in a PDF or a page."""
     if not document.startswith(b"%PDF"):
         return unescape(re.sub(r"<[^>]*>", "", document.decode("utf-8", "replace")))
-    from pypdf import PdfReader  # of the extra
-
+    reader = record_hook.PDF.module("pypdf", "the text of a PDF").PdfReader
     try:
-        return "".join(page.extract_text() for page in PdfReader(BytesIO(document)).pages)
+        return "".join(page.extract_text() for page in reader(BytesIO(document)).pages)
     except Exception as error:  # a damaged or hostile file can fail in any way
         raise ValueError(f"its text cannot be read: {error or type(error).__name__}") from None
 
 
 def can_write_pdf() -> bool:
-    """Whether the extra ``quality`` is installed."""
-    return find_spec("fpdf") is not None
+    """Whether the extra ``pdf`` is installed; in a clone it is, from now on."""
+    return not record_hook.PDF.missing()
 
 
 def files() -> tuple[str, ...]:
@@ -79,7 +77,7 @@ def files() -> tuple[str, ...]:
 
 
 def write(record: Record, course: Course, procedure: Procedure, folder: Path) -> list[Path]:
-    """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``quality``."""
+    """Write the files into a folder, each whole or not at all; returns their paths. The PDF needs extra ``pdf``."""
     images = {"traces": source(figures.traces(course, procedure))}
     if (drawn := figures.unrolled(course, procedure, record)) is not None:
         images["unrolled"] = source(drawn)

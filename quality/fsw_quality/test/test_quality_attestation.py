@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fsw_quality import evidence, procedure
+from fsw_quality import evidence
 from fsw_quality.attestation import ATTESTATION_NAME, Attestation, doubled, read_chain, statement
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
@@ -21,9 +21,10 @@ from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.recover import recover
 from fsw_recorder.recover_proven import recover_proven
 from fsw_recorder.signature import Purpose, SigningKey, TrustedKey, load_private, load_trusted, make_key
+from fsw_scenario import procedure
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
-pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/signing.lock")
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
 COUNT = 4

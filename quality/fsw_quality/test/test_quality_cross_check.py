@@ -16,15 +16,15 @@ from fsw_analysis.judgement import Verdict
 from fsw_quality import evidence, record, report
 from fsw_quality.attestation import read_chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
-from fsw_quality.procedure import Procedure, load, signer_of
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.findings import Code, EvidenceError
 from fsw_recorder.signature import Purpose, load_private, load_trusted, make_key, sign, signature_path
+from fsw_scenario.procedure import Procedure, load, signer_of
 from fsw_test_support.programme_bag import write_programme_weld
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
-pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/quality.lock")
-pytest.importorskip("pypdf", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip("fpdf", reason="not installed: pip install -r requirements/pdf.lock")
+pytest.importorskip("pypdf", reason="not installed: pip install -r requirements/pdf.lock")
 
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)
 OTHERS = {"welds": ["weld_0"], "figures": []}

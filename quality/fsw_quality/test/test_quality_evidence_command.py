@@ -12,7 +12,7 @@ from fsw.main import main
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_test_support.sample_weld import sample_messages, sample_topics
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
 
 
 def weld(folder: Path, shift_ns: int = 0) -> Path:

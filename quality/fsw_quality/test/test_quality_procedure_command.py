@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fsw.main import main
-from fsw_quality import procedure
+from fsw_scenario import procedure
 
 SHIPPED = Path(procedure.__file__).parent / "procedures" / "copper_lid.yaml"
 
@@ -67,7 +67,7 @@ def test_limits_that_its_own_set_points_violate_are_refused(
 def test_a_signed_revision_is_not_edited_unnoticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     mine, key, other = tmp_path / "mine.yaml", tmp_path / "key", tmp_path / "other"
     mine.write_bytes(SHIPPED.read_bytes())

@@ -17,17 +17,18 @@ from fsw_analysis.judgement import decide
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.signals import load_weld
-from fsw_quality import procedure, report
+from fsw_quality import report
 from fsw_quality.attestation import manifest_for
 from fsw_quality.record import make
 from fsw_quality.record_content import Record
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import MANIFEST_NAME
+from fsw_scenario import procedure
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.waiting import wait_until
 
-pytest.importorskip("fpdf", reason="fpdf2 is not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("fpdf", reason="fpdf2 is not installed: pip install -r requirements/pdf.lock")
 
 #: a weld of 10 s, with an edge that lifts the tool by more than the quality limit
 SCENARIO = {
@@ -136,7 +137,7 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Judged again it gives the same record, by the procedure that is in the bag."""
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
     written = [bag / "record" / name for name in report.files()]

@@ -17,9 +17,9 @@ from fsw_analysis.judgement import Verdict
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals
 from fsw_control.cause import Cause
-from fsw_quality.procedure import Procedure, digest
 from fsw_quality.record import assemble, attached_procedures, welded
 from fsw_quality.record_content import Record
+from fsw_scenario.procedure import Procedure, digest
 from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
 
 ORDER = list(Verdict)

@@ -31,7 +31,7 @@ def test_history_of_a_bag_its_report_and_what_changed(tmp_path, capsys, monkeypa
     pytest.importorskip("pyarrow")
     folder = tmp_path / "history"
     assert main(["history", "add", str(folder), str(BAG)]) == 0
-    monkeypatch.setattr("fsw.history.watch", None)  # what is refused is not watched first
+    monkeypatch.setattr("fsw_quality.commands.history.watch", None)  # what is refused is not watched first
     assert main(["history", "add", str(folder), str(BAG)]) == 1
     assert "twice" in capsys.readouterr().err
     copied = shutil.copytree(BAG, tmp_path / "copy")
@@ -69,4 +69,4 @@ def test_history_without_its_library_says_what_to_install_in_a_line(tmp_path, ca
     monkeypatch.delattr(fsw_quality, "history", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["history", "report", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install 'fsw-control[history]'\n"
+    assert capsys.readouterr().err == "error: history: pyarrow is missing: pip install 'fsw-quality[history]'\n"

@@ -1,7 +1,7 @@
 """Friction stir welding, simulated, controlled and analysed.
 
-``import fsw`` loads next to nothing; what is used is imported at its first use. The command line is beside it, a module
-per command.
+``import fsw`` loads next to nothing; what is used is imported at its first use. Other distributions add public names by
+entry points (``fsw.api``). The command line is beside it, a module per command.
 """
 
 from __future__ import annotations
@@ -13,15 +13,8 @@ import fsw_scenario  # noqa: F401  (before numpy: it sets the threads of the lin
 
 if TYPE_CHECKING:
     from fsw.controller import Controller as Controller
-    from fsw.processes import Identified as Identified
     from fsw.processes import Model as Model
-    from fsw.processes import identify as identify
     from fsw.processes import model as model
-    from fsw.tasks import campaign as campaign
-    from fsw.tasks import export_c as export_c
-    from fsw.tasks import export_fmu as export_fmu
-    from fsw.tasks import record as record
-    from fsw.tasks import tune as tune
     from fsw.welds import Comparison as Comparison
     from fsw.welds import Weld as Weld
     from fsw.welds import compare as compare
@@ -37,8 +30,7 @@ __version__ = "0.3.0"
 #: public names, by the module that has them
 _PLACES = {
     "fsw.controller": ("Controller",),
-    "fsw.processes": ("Identified", "Model", "identify", "model"),
-    "fsw.tasks": ("campaign", "export_c", "export_fmu", "record", "tune"),
+    "fsw.processes": ("Model", "model"),
     "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
 }
@@ -47,11 +39,15 @@ __all__ = sorted(_PLACE)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PLACE:
+    if name in _PLACE:
+        value = getattr(import_module(_PLACE[name]), name)
+    else:
+        value = None if name.startswith("_") else import_module("fsw_schema.extensions").loaded("fsw.api", name)
+    if value is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_PLACE[name]), name)
+    globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*__all__, *import_module("fsw_schema.extensions").extensions("fsw.api"), "__version__"]

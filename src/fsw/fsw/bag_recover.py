@@ -9,8 +9,8 @@ from fsw.bags import DAMAGED_TOO, bag_argument, print_notes
 from fsw.command import command, option, switch
 from fsw.errors import CommandError
 from fsw.progress import ProgressBar
-from fsw_quality.attestation import ATTESTATION_NAME
 from fsw_recorder import recover as recovering
+from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.recover_proven import recover_proven

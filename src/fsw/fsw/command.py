@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import yaml
 
 from fsw.console import program
 from fsw.errors import CommandError
+from fsw_schema.extras import Extra
 from fsw_schema.ranges import Range
 from fsw_schema.yaml_text import load_yaml
 
@@ -31,17 +31,12 @@ class Command:
     options: Sequence[Option] = ()
     run: Run | None = None
     usage: str | None = None
-    needs: Sequence[str] = ()  #: modules of the extra that has the name of the first word
+    needs: Extra | None = None  #: installed at first use in a clone of the repository
 
     def __call__(self, arguments: argparse.Namespace) -> int:
-        """Carry it out; CommandError when a module of its extra is missing."""
-        extra = self.name.split()[0]
-        for module in self.needs:
-            try:
-                import_module(module)
-            except ImportError:
-                install = f"pip install 'fsw-control[{extra}]'"
-                raise CommandError(f"{extra}: {module} is missing: {install}") from None
+        """Carry it out; MissingExtraError when its extra is not installed."""
+        if self.needs is not None:
+            self.needs.need(self.name.split()[0])
         return self.run(arguments) if self.run else 2
 
 
@@ -51,7 +46,7 @@ def command(
     *options: Option,
     description: str = "",
     usage: str | None = None,
-    needs: Sequence[str] = (),
+    needs: Extra | None = None,
 ) -> Callable[[Run], Command]:
     """Make a function that returns the exit code a command; texts call the command line ``fsw.py``."""
     return lambda run: Command(name, text, description or _sentence(name, text), options, run, usage, needs)

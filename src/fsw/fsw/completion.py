@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 
 from fsw.command import command, option
+from fsw_schema.extras import Extra
 
 
 @command(
     "completion",
     "print the script by which a shell completes commands and options of fsw",
     option("shell", choices=("bash", "zsh", "tcsh"), help="for which shell"),
-    needs=("shtab",),
+    needs=Extra("fsw-control", "completion", ("shtab",)),
 )
 def completion(arguments: argparse.Namespace) -> int:
     import shtab

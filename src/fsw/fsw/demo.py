@@ -21,6 +21,8 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.figures import Run
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
+from fsw_hmi.main import EXTRA
+from fsw_plant import PlantConfig, prepare
 from fsw_scenario import live
 from fsw_scenario.controllers import OURS, name_of, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -89,6 +91,8 @@ def _live(parsed: argparse.Namespace) -> int:
         scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
     if not middleware_is_here():
         raise CommandError(f"--live needs ROS 2: {HOW}")
+    EXTRA.need("--live")
+    prepare(PlantConfig.from_values(scenario.plant))
     folder = new_folder(parsed.out, "live")
     others = () if scenario.open_loop else tuple(controllers)
     graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
@@ -113,6 +117,8 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     scenarios = [load(name) for name in names]
     if parsed.realtime and not middleware_is_here():
         raise CommandError(f"--realtime needs ROS 2: {HOW}")
+    for scenario in scenarios:
+        prepare(PlantConfig.from_values(scenario.plant))
     began = time.monotonic()
     folder = new_folder(parsed.out, "demo")
     if not middleware_is_here():

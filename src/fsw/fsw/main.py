@@ -4,38 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
-from importlib import import_module
-from itertools import chain
+from collections.abc import Iterable, Sequence
+from types import ModuleType
 
 from fsw import __version__
 from fsw.command import Command, as_typed
 from fsw.console import program
 from fsw.errors import exit_code
+from fsw_schema.extensions import extensions, loaded
+from fsw_schema.models import InputError
 
-_GRAPH = ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld")
-#: modules that declare commands, by their first word, in the order of the help
-_MODULES = {
-    **dict.fromkeys((*_GRAPH, "param", "lifecycle"), ("graph",)),
-    "hmi": ("hmi",),
-    "simulate": ("simulate_command",),
-    "campaign": ("campaign_command",),
-    "model": ("model_command",),
-    "canister": ("canister",),
-    "export": ("export_command",),
-    "identify": ("identify_command",),
-    "tune": ("tune_command",),
-    "commission": ("commission",),
-    "procedure": ("procedure",),
-    "record": ("record_command",),
-    "monitor": ("monitor",),
-    "history": ("history",),
-    "demo": ("demo",),
-    "node": ("node",),
-    "schema": ("schema_command",),
-    "completion": ("completion",),
-    "bag": ("bags", "bag_info", "bag_recover", "bag_kpi", "bag_plot", "bag_export", "bag_replay", "bag_evidence"),
-}
+#: entry points: modules that declare commands, by their first word; what follows a dot only tells them apart
+GROUP = "fsw.commands"
 
 
 def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
@@ -50,8 +30,8 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
     places = {"": _places(whole)}
-    for module in _MODULES.get(word) or dict.fromkeys(chain.from_iterable(_MODULES.values())):
-        for one in vars(import_module(f"fsw.{module}")).values():
+    for module in _modules(word):
+        for one in vars(module).values():
             if isinstance(one, Command):
                 before, _, last = one.name.rpartition(" ")
                 description = as_typed(one.description)
@@ -70,6 +50,26 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
     return whole
 
 
+def _modules(word: str) -> Iterable[ModuleType]:
+    """Modules whose commands begin with a word, e.g. ``bag`` and ``bag.info``; all if there are none.
+
+    A module of another distribution that cannot be imported is skipped with a note, unless it is the one wanted.
+    """
+    names = list(extensions(GROUP))
+    wanted = [name for name in names if name.partition(".")[0] == word]
+    found: dict[str, ModuleType] = {}
+    for name in wanted or names:
+        try:
+            module = loaded(GROUP, name)
+        except InputError as error:
+            if wanted:
+                raise
+            print(f"note: {error}", file=sys.stderr)
+            continue
+        found.setdefault(module.__name__, module)
+    return found.values()
+
+
 def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
     return parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
@@ -77,8 +77,13 @@ def _places(parser: argparse.ArgumentParser) -> argparse._SubParsersAction[argpa
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code, which is 2 for wrong arguments."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    parsed = parser(program(), words[0] if words else "").parse_args(words)
-    return exit_code(lambda: parsed.run(parsed))
+
+    def run() -> int:
+        parsed = parser(program(), words[0] if words else "").parse_args(words)
+        code: int = parsed.run(parsed)
+        return code
+
+    return exit_code(run)
 
 
 if __name__ == "__main__":

@@ -26,14 +26,14 @@ from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig, prepare
-from fsw_quality.attestation import IDENTITY
-from fsw_quality.procedure import check_signed
-from fsw_quality.procedure import shipped as procedures
-from fsw_quality.procedure_limits import graph_parameters
+from fsw_recorder.bag_metadata import IDENTITY
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import name_of, variant_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
+from fsw_scenario.procedure import check_signed
+from fsw_scenario.procedure import shipped as procedures
+from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
@@ -186,13 +186,13 @@ def _record(
     nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
-    companions = {"procedure": "fsw_quality.procedure_node"} if by_procedure else {}
+    companions = {"procedure": "fsw_scenario.procedure_node"} if by_procedure else {}
     derived = dict(by_procedure)
     if identity:
         derived["fsw_recorder"] = {**derived.get("fsw_recorder", {}), "custom_data": list(identity)}
     graph = WeldGraph(scenario, folder, parameters=nodes, companions=companions, derived=derived)
     run_graph(graph, f"{scenario.name}, bag {graph.bag}")
-    if by_procedure:
+    if "on_finished" in by_procedure.get("fsw_recorder", {}):
         print_notes([f"the record of the weld is being written to {graph.bag / 'record'}"])
 
 

@@ -1,11 +1,9 @@
 """``import fsw``: what its docstrings show, and that it tells what the command line and the model tell."""
 
 import csv
-import doctest
 import re
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 from runpy import run_path
 
@@ -17,38 +15,29 @@ import fsw
 from fsw.main import main
 from fsw.welds import overrides_of
 from fsw_schema.models import InputError
+from fsw_test_support.doc_examples import check, examples
 
-EXAMPLES = [
-    test
-    for name in sorted(set(fsw._PLACE.values()) - {"fsw_control.contract"})
-    for test in doctest.DocTestFinder().find(import_module(name))
-    if test.examples
-]
+EXAMPLES = examples(set(fsw._PLACE.values()) - {"fsw_control.contract"})
 #: modules that some examples need, which are extras
 NEEDED = {
     "to_pandas": "pandas",
     "to_xarray": "xarray",
     "linearise": "control",
     "to_do_mpc": "do_mpc",
-    "campaign": "distributed",
 }
-NEEDED["export_fmu"] = "fmpy"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 def test_the_examples_in_the_docstrings(example):
     pytest.importorskip(NEEDED.get(example.name.rpartition(".")[2], "fsw"))
-    runner = doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL)
-    said = []
-    runner.run(example, out=said.append)
-    assert runner.failures == 0, "".join(said)
+    check(example)
 
 
 def test_every_public_name_has_an_example():
     shown = {example.name for example in EXAMPLES}
     for name, place in fsw._PLACE.items():
-        if place != "fsw_control.contract" and name != "Identified":  # which identify makes
+        if place != "fsw_control.contract":
             assert f"{place}.{name}" in shown
 
 
@@ -109,22 +98,12 @@ def test_a_comparison_takes_a_list(controllers):
     ("call", "words"),
     [
         (lambda: fsw.read_bag(None), "read_bag: bag is text or a path, not None"),
-        (lambda: fsw.identify(), "identify: needs at least one weld"),
-        (lambda: fsw.identify("bag", {}), "identify: welds is Weld or text or a path, not {}"),
-        (lambda: fsw.identify("bag", start="file"), "identify: start is ModelParameters, not 'file'"),
-        (lambda: fsw.identify("bag", drive_lag_s=float("nan")), "drive_lag_s is a number of seconds from 0, not nan"),
         (lambda: fsw.model([]), "model: source is text or a path or ModelParameters, not []"),
         (lambda: fsw.model(np.eye(2)), "not array([[1., 0.], [0., 1.]])"),
         (lambda: fsw.Model(3), "Model: parameters is ModelParameters, not 3"),
         (lambda: fsw.model().equation([]), "equation: number is a whole number, not []"),
         (lambda: fsw.model().linearise("deep"), "linearise: depth_mm is a number, not 'deep'"),
         (lambda: fsw.model().linearise(True), "linearise: depth_mm is a number, not True"),
-        (lambda: fsw.tune(["nmpc"]), "tune: controller is text, not ['nmpc']"),
-        (lambda: fsw.tune("decentral:tight", evaluations=0), "evaluations is at least 1, not 0"),
-        (lambda: fsw.campaign("model_uncertainty", "folder", workers=0), "workers is at least 1, not 0"),
-        (lambda: fsw.record(3, "copper_lid"), "record: bag is text or a path, not 3"),
-        (lambda: fsw.export_c("decentral", {}), "export_c: folder is text or a path, not {}"),
-        (lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"), "platforms is a list, not 'win64'"),
     ],
 )
 def test_an_argument_of_a_wrong_type_is_named_in_one_line(call, words):

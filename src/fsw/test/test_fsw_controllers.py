@@ -4,13 +4,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-import yaml
 
 from fsw.demo import _controllers, parser
 from fsw.main import main
 from fsw_analysis.replay import Comparison, TickDifference
-from fsw_campaign import definition
-from fsw_campaign.welds import run_weld
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
 from fsw_schema.models import InputError
@@ -42,21 +39,6 @@ def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
     label = own(tmp_path, "return 3 if 10.0 < measurement.time_s < 11.0 else Proposal(applied)")
     assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     assert "own is unhealthy in 9 of 600 ticks, first at 10.1 s: controller raised" in capsys.readouterr().err
-
-
-def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
-    label = own(tmp_path)
-    file = tmp_path / "campaign.yaml"
-    file.write_text(yaml.safe_dump({"name": "c", "scenario": "quick", "controllers": [label, "decentral"], "welds": 1}))
-    campaign = definition.load(file)
-    assert [one.label for one in campaign.entrants] == ["own", "decentral"]
-    assert run_weld(campaign, 0, campaign.parameters(0), campaign.entrants[0])["status"] == "ok"
-    before = campaign.digest
-    own(tmp_path, "return Proposal(Command(80.0, 400.0))")
-    assert campaign.digest != before
-    file.write_text(file.read_text().replace("own.py:Own", "own.py:None"))
-    with pytest.raises(InputError, match="no class None"):
-        definition.load(file)
 
 
 def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):

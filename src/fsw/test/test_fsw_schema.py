@@ -1,18 +1,17 @@
 """``fsw schema``: what an editor gets."""
 
 import json
-from importlib import import_module
 
 import pytest
 
 from fsw.main import main
-from fsw.schema_command import FILES
+from fsw.schema_command import GROUP, kinds
+from fsw_schema.extensions import loaded
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", kinds())
 def test_schema_has_the_keys_of_the_model(name, capsys):
-    module, model = FILES[name]
-    fields = getattr(import_module(module), model).model_fields
+    fields = loaded(GROUP, name).model_fields
     assert main(["schema", name]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["$schema"].startswith("https://json-schema.org/") and content["type"] == "object"

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from fsw import commission_ros, graph_ros, operator_node, weld_ros
+from fsw import graph_ros, operator_node, weld_ros
 from fsw.errors import CommandError
 from fsw_control.reports_ros import ERROR, OK
 
@@ -99,20 +99,6 @@ def test_an_aborted_weld_that_does_not_end_in_time_has_no_result(player):
     player.ends, player.hangs = False, True
     assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20) is None
     assert player.aborted == 1
-
-
-def test_a_weld_is_cancelled_once_more_where_the_request_came_before_its_goal(monkeypatch):
-    answers = [False, True]
-    monkeypatch.setattr(commission_ros, "abort", lambda _: answers.pop(0))
-    assert commission_ros._aborted(None) == "the weld was aborted, and the safe stop is requested"
-    answers = [False, False]
-    assert commission_ros._aborted(None) == "no weld was under way"
-
-    def no_answer(_):
-        raise CommandError("no answer")
-
-    monkeypatch.setattr(commission_ros, "abort", no_answer)
-    assert "a weld may go on, or begin yet" in commission_ros._aborted(None)
 
 
 @pytest.mark.parametrize(("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)])

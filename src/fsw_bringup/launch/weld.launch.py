@@ -27,14 +27,15 @@ from launch_ros.actions import Node
 
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
-from fsw_quality.procedure import check_signed
-from fsw_quality.procedure import shipped as procedures
-from fsw_quality.procedure_limits import graph_parameters
 from fsw_scenario.controllers import program, variants_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
+from fsw_scenario.procedure import check_signed
+from fsw_scenario.procedure import shipped as procedures
+from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
+from fsw_schema.extensions import extensions
 from fsw_schema.models import InputError
 
 ARGUMENTS = {
@@ -183,12 +184,20 @@ def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:
 def _beside_the_weld(node: _Nodes, arguments: dict[str, str]) -> list[Any]:
     """Nodes that record, watch and show the weld, as far as they are wanted."""
     wanted = {
-        "recorder": ("fsw_recorder", arguments["record"] in TRUE),
-        "monitor": ("fsw_quality", arguments["monitor"] in TRUE),
-        "procedure": ("fsw_quality", bool(arguments["procedure"])),
-        "hmi": ("fsw_hmi", arguments["hmi"] in TRUE),
+        "recorder": arguments["record"] in TRUE,
+        "monitor": arguments["monitor"] in TRUE,
+        "procedure": bool(arguments["procedure"]),
+        "hmi": arguments["hmi"] in TRUE,
     }
-    return [node(package, executable, **_respawn()) for executable, (package, on) in wanted.items() if on]
+    return [node(_package_of(name), name, **_respawn()) for name, on in wanted.items() if on]
+
+
+def _package_of(program: str) -> str:
+    """Package that a program is of, by its entry point; RuntimeError when it is not installed."""
+    point = extensions("fsw.nodes").get(program)
+    if point is None:
+        raise RuntimeError(f"{program}: no installed package has this node")
+    return point.module.partition(".")[0]
 
 
 def _respawn() -> dict[str, Any]:

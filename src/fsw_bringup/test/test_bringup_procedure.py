@@ -9,10 +9,10 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from fsw_quality.procedure import path_of
 from fsw_recorder.signature import Purpose, load_private, make_key, sign, signature_path
+from fsw_scenario.procedure import path_of
 
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
 LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "weld.launch.py"
 #: what the launch file imports of ROS 2
 ROS = (

@@ -17,6 +17,8 @@ TABLE_K = (200.0, 300.0, 400.0, 600.0, 800.0, 1000.0, 1200.0)
 CONDUCTIVITY_W_PER_M_K = (413.0, 401.0, 393.0, 379.0, 366.0, 352.0, 339.0)
 HEAT_CAPACITY_J_PER_KG_K = (356.0, 385.0, 397.0, 417.0, 433.0, 451.0, 480.0)
 _GRID_C = np.arange(-73.0, 1500.0)
+#: copper for which the basis is made [W/(m K), J/(m3 K), W/(m2 K)]; it serves others as well
+TYPICAL = {"k": 370.0, "rho_c": 3.8e6, "surface": 20.0, "clamp": 300.0, "shoulder": 0.77}
 
 
 def conductivity(temperature_c: ArrayLike) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 
@@ -14,6 +15,8 @@ from fsw_canister.parameters import CanisterParameters
 from fsw_schema.models import InputError
 
 Complex = NDArray[np.complex128]
+#: in which heating-up before the first tick must come to an end, chosen
+LONGEST_HEATING_S = 1800.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +115,29 @@ class HeatModel(ABC):
             rest = float(weights @ self._rest[near])
             self._table = (axial_mm, (weights @ self._source[near], weights @ self._rim[near], rest))
         return self._table[1]
+
+
+def heated(
+    canister: HeatModel,
+    power_kw: float,
+    motion: tuple[float, float],
+    dt_s: float,
+    missing_c: Callable[[CanisterState], float],
+) -> CanisterState:
+    """A canister heated from ambient by a constant power, in steps of ``dt_s``.
+
+    ``motion`` of the tool is traverse [mm/s] and position above the joint line [mm]. ``missing_c`` is called with each
+    state, also that at ambient: what is missing, at most 0 where heating ends.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        If that takes too long, or the tool is off the copper.
+    """
+    traverse, axial_mm = motion
+    state = canister.initial(axial_mm=axial_mm)
+    for _ in range(round(LONGEST_HEATING_S / dt_s)):
+        if (rest_c := missing_c(state)) <= 0.0:
+            return state
+        state = canister.step(state, power_kw, traverse, axial_mm, dt_s)
+    raise InputError(f"{power_kw:g} kW leave {rest_c:.1f} degC missing after {LONGEST_HEATING_S:g} s of heating")

@@ -6,16 +6,16 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
 from fsw_control.parameters import load
 from fsw_schema.entry import quiet_start
+from fsw_schema.extras import Extra
 
 #: what serves the page; ROS 2 does not bring it
-_EXTRA = ("starlette", "uvicorn", "websockets")
+EXTRA = Extra("fsw-control", "hmi", ("starlette", "uvicorn", "websockets"))
 #: parameters of the node that are options, too
 _OPTIONS = ("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts")
 
@@ -51,8 +51,8 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"{parser().format_help()}\n{parameter_help(arguments.specs)}")
         return 0
     parsed = parser().parse_args(argv[1:split])
-    if missing := [name for name in _EXTRA if find_spec(name) is None]:
-        print(f"hmi: {', '.join(missing)} missing: pip install {' '.join(_EXTRA)}", file=sys.stderr)
+    if missing := EXTRA.missing():
+        print(f"hmi: {', '.join(missing)} missing: pip install {' '.join(EXTRA.modules)}", file=sys.stderr)
         return 2
     if parsed.bag:
         from fsw_hmi.bag_app import serve

@@ -518,7 +518,7 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
 
 
 def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(tmp_path):
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
     file, key = tmp_path / "lid.yaml", tmp_path / "key"
     file.write_text(yaml.safe_dump(short_procedure().model_dump(mode="json", exclude_none=True)))
     assert book_of("") is default() and book_of(str(file)).id == "copper_lid"

@@ -28,7 +28,9 @@ from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, WeldCommand
+from fsw_schema.extras import Extra
 
+Extra("fsw-control", "machine", ("asyncua",)).missing()  # a clone installs it now
 try:
     from fsw_machine import certificates
     from fsw_machine.link_errors import LinkError

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import isfinite, pi
 
 from fsw_canister import CanisterState, HeatModel
-from fsw_canister.history import heated
+from fsw_canister.stepped import heated
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel, ProcessState
 from fsw_model.equations import MOTOR, TOOL, power_kw
 from fsw_model.process import driven_step

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Protocol
 
-from fsw_canister import CanisterParameters, CompactCanister, load_or_compact
+from fsw_canister import CanisterParameters, CompactCanister
 from fsw_model import Equilibrium, ModelParameters, Outputs, ProcessModel, ProcessState
 from fsw_model.equations import MOTOR, power_kw
 from fsw_plant.canister_process import CanisterProcess
 from fsw_plant.config import PlantConfig
 from fsw_plant.lag import lag_risen
 from fsw_plant.tool_path import Motion
+from fsw_schema.extensions import loaded
+from fsw_schema.models import InputError
 
 #: is told the share that is done, and of what
 Progress = Callable[[float, str], None]
@@ -99,9 +101,18 @@ def _paper_process(parameters: ModelParameters) -> PaperProcess:
 
 
 def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> CompactCanister:
-    """The compact canister of these parameters, the last one kept; a new geometry takes a while, which is reported."""
+    """The compact canister of these parameters, the last one kept; a new geometry takes a while, which is reported.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        When no installed distribution makes it.
+    """
     if parameters not in _reduced:
-        made = load_or_compact(parameters, progress=progress)
+        make = loaded("fsw.processes", "canister")
+        if make is None:
+            raise InputError("process canister: nothing here makes its heat model: pip install 'fsw-lab[canister]'")
+        made: CompactCanister = make(parameters, progress=progress)
         _reduced.clear()
         _reduced[parameters] = made
     return _reduced[parameters]

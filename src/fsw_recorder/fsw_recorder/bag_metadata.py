@@ -17,6 +17,10 @@ from fsw_schema.files import read_regular
 from fsw_schema.yaml_text import load_yaml
 
 METADATA_NAME = "metadata.yaml"
+#: what was signed of a bag, beside its manifest
+ATTESTATION_NAME = "attestation.json"
+#: custom data of the bag that says what was welded with what: ``recorder`` parameter ``custom_data``
+IDENTITY = ("canister", "lid", "tool", "machine")
 #: what rosbag2 calls the start of a bag without messages
 NO_TIME_NS = 2**63 - 1
 _ROOT = "rosbag2_bagfile_information"

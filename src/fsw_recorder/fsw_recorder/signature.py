@@ -22,13 +22,15 @@ from pydantic import AwareDatetime, Field, Strict
 
 from fsw_control.private_file import read_private
 from fsw_recorder.findings import Code, EvidenceError, finding
+from fsw_schema.extras import Extra, MissingExtraError
 from fsw_schema.files import read_regular, write_whole
 from fsw_schema.models import InputError, Many, Model, content_of, json_content_of, validate
 
-if TYPE_CHECKING:  # of the extra quality
+if TYPE_CHECKING:  # of the extra signing
     from securesystemslib.signer import CryptoSigner
 
 SUFFIX = ".sig"
+_EXTRA = Extra("fsw-control", "signing", ("cryptography", "securesystemslib"))
 #: of the envelopes; a signature that was made for something else does not count
 PAYLOAD_TYPE = "application/vnd.fsw-control.statement.v1+json"
 
@@ -104,10 +106,6 @@ class SigningKey:
     public: str
 
 
-class LibraryMissingError(InputError):
-    """``securesystemslib`` or ``cryptography`` is not installed."""
-
-
 def default_key() -> Path:
     """Where the key is that is used unless another is given: in the user's configuration, in no repository."""
     configured = os.environ.get("XDG_CONFIG_HOME", "")
@@ -137,7 +135,7 @@ def make_key(path: Path, comment: str = "fsw-control") -> str:
     for file in (path, public_path(path)):
         if os.path.lexists(file):
             raise InputError(f"{file} exists; a key is never replaced, choose another name")
-    _check_installed()
+    _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
@@ -157,7 +155,7 @@ def load_private(path: Path) -> SigningKey:
     InputError
         There is none, others may read it, or it is not an unencrypted Ed25519 key of OpenSSH.
     """
-    _check_installed()
+    _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_ssh_private_key
     from securesystemslib.signer import CryptoSigner
@@ -199,7 +197,7 @@ def load_trusted(paths: Sequence[Path]) -> tuple[TrustedKey, ...]:
         for entry in keys:
             try:
                 _library_key(entry.key)
-            except LibraryMissingError:
+            except MissingExtraError:
                 raise
             except Exception:  # cryptography raises many kinds
                 raise InputError(f"trusted key {path}: {entry.name} is no line 'ssh-ed25519 AAAA...'") from None
@@ -233,7 +231,7 @@ def verify(data: bytes, text: str, purpose: Purpose, trusted: Sequence[TrustedKe
     EvidenceError
         It is no signature, not of these bytes, made for something else, or by a key that does not count for it.
     """
-    _check_installed()
+    _EXTRA.need("signatures")
     try:
         statement = _signed_statement(text)
     except Exception:  # of JSON, base64, pydantic, securesystemslib and cryptography
@@ -294,7 +292,7 @@ def _signed_statement(text: str) -> Statement:
 
 def _library_key(line: str) -> Any:
     """A public key of OpenSSH for securesystemslib, by its fingerprint; many kinds of exceptions for what is none."""
-    _check_installed()
+    _EXTRA.need("signatures")
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_ssh_public_key
     from securesystemslib.signer import SSlibKey
@@ -309,11 +307,3 @@ def _line(public: Any) -> str:
     from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
     return str(public.public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH).decode())
-
-
-def _check_installed() -> None:
-    try:
-        import cryptography  # noqa: F401
-        import securesystemslib  # noqa: F401
-    except ImportError as error:
-        raise LibraryMissingError(f"signatures need {error.name}: pip install 'fsw-control[quality]'") from None

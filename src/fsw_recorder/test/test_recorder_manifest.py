@@ -203,7 +203,7 @@ def test_what_is_no_manifest_is_one_line(tmp_path: Path, text: str) -> None:
 
 
 def test_the_recorder_signs_the_manifest_when_it_closes(tmp_path: Path) -> None:
-    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+    pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
     make_key(tmp_path / "machine")
     options = WriterOptions(manifest=True, signing_key=str(tmp_path / "machine"))
     bag = write_weld(tmp_path / "weld", 3, options=options)

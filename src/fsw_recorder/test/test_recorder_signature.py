@@ -31,8 +31,8 @@ from fsw_recorder.signature import (
 )
 from fsw_schema.models import InputError
 
-pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/quality.lock")
-pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/quality.lock")
+pytest.importorskip("cryptography", reason="not installed: pip install -r requirements/signing.lock")
+pytest.importorskip("securesystemslib", reason="not installed: pip install -r requirements/signing.lock")
 
 MESSAGE = b'{"number": 1}\n'
 NOW = datetime(2026, 11, 25, 12, 0, tzinfo=UTC)

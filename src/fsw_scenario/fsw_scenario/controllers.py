@@ -17,7 +17,7 @@ from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
 from fsw_schema.models import InputError
 
-#: Ours, by name: where the class is. They are entry points, too, but a source tree has none.
+#: Ours, by name: where the class is. They are entry points, too; none of another package takes their place.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from fsw_analysis.rule_book import Limit, Variable
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_model import OperatingPointError, ProcessModel, nominal
-from fsw_quality.procedure import Procedure, load, path_of
 from fsw_recorder.after_recording import BAG
+from fsw_scenario.procedure import Procedure, load, path_of
+from fsw_schema.extensions import all_loaded
 from fsw_schema.models import InputError
 
 #: the supervisor's interlock against too low or too high values, by variable
@@ -47,7 +47,7 @@ def node_parameters(procedure: Procedure, supervisor: Mapping[str, Any]) -> dict
 
 
 def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Parameters of all nodes of a weld by a procedure: also of the recorder, which then has the record written.
+    """Parameters of all nodes of a weld by a procedure: also of the recorder, which then runs the hooks.
 
     ``source`` is a YAML file or the name of a shipped procedure, ``supervisor`` the supervisor's default parameters.
 
@@ -58,12 +58,12 @@ def graph_parameters(source: str, supervisor: Mapping[str, Any]) -> dict[str, di
     """
     file = str(path_of(source))
     # what is signed may lie anywhere: the file itself is read, beside its signature
-    command = [sys.executable, "-m", "fsw.main", "record", BAG, "--procedure", file, "--out", f"{BAG}/record"]
+    commands = [shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()]
     nodes = node_parameters(load(file), supervisor)
     return nodes | {
         "fsw_hmi": {"procedure": file},
         "fsw_procedure": {"procedure": file},
-        "fsw_recorder": {"attach": [file], "on_finished": [shlex.join(command)]},
+        "fsw_recorder": {"attach": [file]} | ({"on_finished": commands} if commands else {}),
     }
 
 

@@ -19,9 +19,9 @@ from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, DiagnosticsPublisher, Report, log
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
-from fsw_quality.procedure import load
-from fsw_quality.procedure_watch import ProcedureWatch
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+from fsw_scenario.procedure import load
+from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_schema.yaml_text import load_yaml
 
 _REPORT_S = 1.0
@@ -40,7 +40,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
 
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_procedure", **arguments)
-        settings = declare(self, "fsw_quality", "procedure_node.yaml")
+        settings = declare(self, "fsw_scenario", "procedure_node.yaml")
         self._procedure = load(settings["procedure"])
         self._watch = ProcedureWatch(self._procedure)
         self._told: dict[str, str] = {}
@@ -112,7 +112,7 @@ class ProcedureNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no type
         self._diagnostics.publish([Report("deviations", level, text, values | dict(self._told))])
 
 
-main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_quality", "procedure_node.yaml"))
+main = main_of(ProcedureNode, "fsw_procedure", __doc__, ("fsw_scenario", "procedure_node.yaml"))
 
 
 if __name__ == "__main__":

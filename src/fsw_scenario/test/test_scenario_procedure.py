@@ -10,8 +10,8 @@ import yaml
 from fsw_control import weld
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
-from fsw_quality import procedure
-from fsw_quality.procedure import Procedure
+from fsw_scenario import procedure
+from fsw_scenario.procedure import Procedure
 from fsw_schema.models import InputError
 
 

@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from fsw_control.cause import Cause
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
-from fsw_quality.procedure_node import ProcedureNode, main
+from fsw_scenario.procedure_node import ProcedureNode, main
 from fsw_test_support.judged_weld import short_procedure
 from fsw_test_support.ros_graph import Spinner, domain_id
 

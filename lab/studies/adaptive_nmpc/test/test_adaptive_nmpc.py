@@ -6,7 +6,7 @@ import pytest
 from adaptive_nmpc import report, search, study
 
 from fsw_scenario.controllers import make
-from fsw_scenario.standard_runs import JUDGED
+from fsw_tuning.standard_runs import JUDGED
 
 
 def runs(**values):

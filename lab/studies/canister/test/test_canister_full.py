@@ -8,10 +8,11 @@ pytest.importorskip("skfem", reason="scikit-fem is not installed: pip install -r
 from canister.full import FullCanister, exact_stir_zone_c
 from scipy.sparse.linalg import eigsh
 
-from fsw_canister import CanisterParameters, ReducedCanister
-from fsw_canister.elements import Elements
-from fsw_canister.history import ToolCourse, heat_history
-from fsw_canister.projection import project
+from fsw_canister import CanisterParameters
+from fsw_heat import ReducedCanister
+from fsw_heat.elements import Elements
+from fsw_heat.history import ToolCourse, heat_history
+from fsw_heat.projection import project
 
 pytestmark = pytest.mark.slow
 

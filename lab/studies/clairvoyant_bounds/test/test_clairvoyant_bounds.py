@@ -8,7 +8,7 @@ from clairvoyant_bounds.optimum import Clairvoyant
 from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_model import ProcessModel
-from fsw_scenario.standard_cases import REST
+from fsw_tuning.standard_cases import REST
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,9 @@ from controller_comparison import other_models, report, sensing, study
 from controller_comparison.processes import INPUT_DISTURBANCES, SENSING, SWEEP, random_factors
 from controller_comparison.study import CONTROLLERS, DECENTRALIZED
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_scenario.margins import Loops
-from fsw_scenario.standard_cases import DEFAULT, TIGHT
-from fsw_scenario.standard_runs import JUDGED, Job, figures, weld
+from fsw_tuning.margins import Loops
+from fsw_tuning.standard_cases import DEFAULT, TIGHT
+from fsw_tuning.standard_runs import JUDGED, Job, figures, weld
 
 pytestmark = pytest.mark.slow
 KEYS = ("iae_depth_mm_s", "iae_temperature_c_s")

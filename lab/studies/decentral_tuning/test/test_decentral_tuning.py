@@ -5,7 +5,7 @@ import pytest
 from decentral_tuning.command import MISMATCH, main
 from fsw_decentral import tunings
 from fsw_model import nominal
-from fsw_scenario.decentral_loop import errors, simulated_sensitivity
+from fsw_tuning.decentral_loop import errors, simulated_sensitivity
 
 
 @pytest.mark.slow

@@ -14,10 +14,10 @@ from fsw.outputs import check_new, write_json
 from fsw.progress import ProgressBar
 from fsw_quality.attestation import Chain, identity_words, read_chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
-from fsw_quality.procedure import load, shipped, signer_of
 from fsw_recorder import after_recording
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.signature import default_key, make_key, public_path
+from fsw_scenario.procedure import load, shipped, signer_of
 
 _MOST_FINDINGS = 10
 

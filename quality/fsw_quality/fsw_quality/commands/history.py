@@ -21,7 +21,10 @@ from fsw_quality.record import files_of
 from fsw_quality.record_content import data_files
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
+from fsw_schema.extras import Extra
 from fsw_schema.models import json_content_of, read_text, validate
+
+_EXTRA = Extra("fsw-quality", "history", ("pyarrow",))
 
 HISTORY = group(
     "history",
@@ -51,7 +54,7 @@ def _judgement(file: Path, files: Sequence[str], bag: Path) -> tuple[str, Identi
     option("bag", type=Path, nargs="+", help=DAMAGED_TOO),
     option("--record", type=Path, help="record.json of the weld, for its verdict and procedure; with one bag"),
     description="Run the monitor over bags and add a row for each to the history in a folder.",
-    needs=("pyarrow",),
+    needs=_EXTRA,
 )
 def add(arguments: argparse.Namespace) -> int:
     from fsw_quality import history  # of the extra
@@ -85,7 +88,7 @@ def add(arguments: argparse.Namespace) -> int:
     file("--out", "HTML file (default DIR/report.html)"),
     FORCE,
     description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
-    needs=("pyarrow",),
+    needs=_EXTRA,
 )
 def report(arguments: argparse.Namespace) -> int:
     from fsw_quality import history, history_report  # of the extra
@@ -110,7 +113,7 @@ def report(arguments: argparse.Namespace) -> int:
     option("first", metavar="A", help="name of a weld in the history"),
     option("second", metavar="B"),
     description="Show what changed between two welds of a history.",
-    needs=("pyarrow",),
+    needs=_EXTRA,
 )
 def diff(arguments: argparse.Namespace) -> int:
     from fsw_quality import history  # of the extra

@@ -13,9 +13,9 @@ from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_
 from fsw.outputs import check_new, write_text
 from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
-from fsw_quality.procedure import Procedure, differences, load, shipped, signer_of
-from fsw_quality.procedure_limits import check_possible, node_parameters
 from fsw_recorder.signature import Purpose, sign, signature_path
+from fsw_scenario.procedure import Procedure, differences, load, shipped, signer_of
+from fsw_scenario.procedure_limits import check_possible, node_parameters
 from fsw_schema.files import read_regular
 from fsw_schema.models import content_of, validate
 

@@ -14,9 +14,9 @@ from fsw.outputs import check_new
 from fsw.progress import ProgressBar
 from fsw_analysis.bag_labels import labels
 from fsw_quality import report
-from fsw_quality.procedure import check_signed, load, shipped
 from fsw_quality.record_content import Record
 from fsw_recorder import after_recording
+from fsw_scenario.procedure import check_signed, load, shipped
 
 
 @command(
@@ -65,7 +65,7 @@ def record(arguments: argparse.Namespace) -> int:
         print_notes(_unusual(found))
         print(f"written: {', '.join(str(folders[name] / file) for file in report.files())}")
     if not report.can_write_pdf():
-        print_notes(["no PDF: pip install fpdf2, or the extra fsw-control[quality]"])
+        print_notes(["no PDF: pip install fpdf2, or the extra fsw-quality[pdf]"])
     return 0
 
 

@@ -1,0 +1,1 @@
+"""Commands and functions of the lab, commissioning, environment of Gymnasium."""

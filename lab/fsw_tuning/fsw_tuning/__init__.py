@@ -1,0 +1,1 @@
+"""Tuning of the controllers, margins of the loops, standard cases, design of experiments."""

@@ -1,0 +1,61 @@
+"""The record of a weld for use in Python: ``fsw.record``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fsw.checked import checked
+from fsw.welds import Progress
+from fsw_quality.comparison import accepted_before, compare
+from fsw_quality.record_content import Record
+from fsw_scenario import procedure as procedures
+
+
+@checked
+def record(
+    bag: str | Path,
+    procedure: str | Path,
+    folder: str | Path | None = None,
+    *,
+    compare_with: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Record:
+    """The record of a weld: verdict, rules, exceedances with their place.
+
+    Parameters
+    ----------
+    bag : str or Path
+    procedure : str or Path
+        A shipped one, or a YAML file.
+    folder : str or Path, optional
+        Where ``record.html``, ``record.json`` and, with extra ``pdf``, ``record.pdf`` are written.
+    compare_with : str or Path, optional
+        Folder with records of earlier welds: the last accepted ones of the procedure are compared.
+    progress : callable, optional
+        Called with the share read, 0 to 1.
+
+    Raises
+    ------
+    fsw_schema.models.InputError
+        When the procedure is wrong.
+    fsw_recorder.errors.BagError
+        When there is no bag, it cannot be read, or it holds no weld in the procedure's phases.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> fsw.record("no_such_bag", "copper_lid")
+    Traceback (most recent call last):
+    fsw_recorder.errors.BagError: no_such_bag: there is no such bag
+    """
+    from fsw_quality import record as records  # matplotlib takes a second to import
+    from fsw_quality import report
+
+    judged_by = procedures.load(procedure)
+    found, course = records.make(Path(bag), judged_by, progress)
+    if compare_with is not None:
+        found = found.changed(comparison=compare(found, accepted_before(Path(compare_with), found)))
+    if folder is not None:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        report.write(found, course, judged_by, Path(folder))
+    return found

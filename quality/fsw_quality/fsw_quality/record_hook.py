@@ -1,0 +1,16 @@
+"""What runs after the recording of a weld by a procedure: the command that writes its record into the bag's folder."""
+
+from __future__ import annotations
+
+import sys
+
+from fsw_schema.extras import Extra
+
+#: what writes and reads the PDF
+PDF = Extra("fsw-quality", "pdf", ("fpdf", "pypdf"))
+
+
+def command(bag: str, procedure: str) -> list[str]:
+    """Words of the command for a bag and a procedure's file; a clone gets what writes the PDF before the weld."""
+    PDF.missing()
+    return [sys.executable, "-m", "fsw.main", "record", bag, "--procedure", procedure, "--out", f"{bag}/record"]
