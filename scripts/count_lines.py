@@ -1,45 +1,120 @@
 #!/usr/bin/env python3
-"""Counts the lines of code of each package (py, c, h; without tests), now and at another revision.
+"""Counts the code lines (no blank ones, comments, docstrings) of each package and distribution, beside their budgets.
 
 usage: count_lines.py [REVISION]
+
+Tests are not counted. With a revision: also what they were there, and the difference.
 """
 
+import ast
+import io
+import re
 import subprocess
 import sys
+import tokenize
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
-PATTERNS = [f"{folder}/*.{suffix}" for folder in ("src", "studies") for suffix in ("py", "c", "h")]
+#: distribution by the first folder; scripts and examples belong to none
+DISTRIBUTIONS = {"src": "core", "quality": "quality", "lab": "lab", "studies": "lab", "benchmarks": "lab"}
+LANGUAGES = {".py": "Python", ".c": "C", ".h": "C", ".js": "JavaScript"}
+#: most code lines that a distribution should have of a language
+BUDGETS = {
+    ("core", "Python"): 20_000,
+    ("quality", "Python"): 4_000,
+    ("lab", "Python"): 9_000,
+    ("core", "C"): 3_000,
+    ("core", "JavaScript"): 2_000,
+}
+_NO_CODE = {
+    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER),
+}
 
 
-def lines(revision: str) -> Counter[str]:
-    """Lines by package at a revision; those of the working tree if it is empty. Git itself tells its errors."""
-    command = ["git", "grep", "-c", "", *([revision] if revision else []), "--", *PATTERNS]
-    listed = subprocess.run(command, cwd=WORKSPACE, stdout=subprocess.PIPE, check=True, text=True).stdout
-    found: Counter[str] = Counter()
-    for line in listed.splitlines():
-        name, _, count = line.removeprefix(f"{revision}:").rpartition(":")
-        parts = name.split("/")
-        if "test" not in parts[:-1]:
-            found["/".join(parts[:2])] += int(count)
+def code_lines(text: str, language: str = "Python") -> int:
+    """Lines of a source text with code on them."""
+    if language != "Python":  # a comment leaves its line breaks; strings that look like one are kept
+        pattern = r'("(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|`(?:\\.|[^`\\])*`)|//[^\n]*|/\*.*?\*/'
+        rest = re.sub(pattern, lambda match: match[1] or "\n" * match[0].count("\n"), text, flags=re.DOTALL)
+        return sum(bool(line.strip()) for line in rest.splitlines())
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in _NO_CODE:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and ast.get_docstring(
+            node, clean=False
+        ):
+            lines.difference_update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    return len(lines)
+
+
+def _git(*words: str, **options: bytes) -> bytes:
+    return subprocess.run(["git", *words], cwd=WORKSPACE, stdout=subprocess.PIPE, check=True, **options).stdout
+
+
+def sources(revision: str) -> Iterator[tuple[str, str]]:
+    """Path and text of each source file at a revision, else of the working tree; git reports its errors itself."""
+    if not revision:
+        for name in sorted(set(_git("ls-files", "-z", "-co", "--exclude-standard").decode().split("\0"))):
+            if _counted(name) and (WORKSPACE / name).is_file():
+                yield name, (WORKSPACE / name).read_text(encoding="utf-8")
+        return
+    names = [n for n in _git("ls-tree", "-r", "-z", "--name-only", revision).decode().split("\0") if _counted(n)]
+    answer = io.BytesIO(_git("cat-file", "--batch", input="".join(f"{revision}:{n}\n" for n in names).encode()))
+    for name in names:
+        size = int(answer.readline().split()[2])
+        yield name, answer.read(size + 1).decode()
+
+
+def _counted(name: str) -> bool:
+    path = Path(name)
+    return path.suffix in LANGUAGES and "test" not in path.parts[:-1] and path.name != "eslint.config.js"
+
+
+def _package(name: str) -> str:
+    parts = Path(name).parts
+    return "/".join(parts[: 3 if parts[1:2] == ("studies",) else 2 if len(parts) > 2 else 1])
+
+
+def count(revision: str) -> Counter[tuple[str, str]]:
+    """Code lines by package and language."""
+    found: Counter[tuple[str, str]] = Counter()
+    for name, text in sources(revision):
+        language = LANGUAGES[Path(name).suffix]
+        found[_package(name), language] += code_lines(text, language)
     return found
 
 
+def totals(lines: Counter[tuple[str, str]]) -> Counter[tuple[str, str]]:
+    """Code lines by distribution and language."""
+    found: Counter[tuple[str, str]] = Counter()
+    for (package, language), number in lines.items():
+        found[DISTRIBUTIONS.get(package.partition("/")[0], "other"), language] += number
+    return found
+
+
+def _print(now: Counter[tuple[str, str]], before: Counter[tuple[str, str]] | None, last: str) -> None:
+    for key in sorted({*now, *(before or ())}):
+        then = f"{before[key]:>8} {now[key] - before[key]:>+7}" if before is not None else ""
+        budget = f"{BUDGETS[key]:>8}" if last and key in BUDGETS else ""
+        print(f"{' '.join(key):<40}{now[key]:>7}{then}{budget}")
+
+
 def main() -> int:
-    """Print a table."""
+    """Print a table of the packages, and one of the distributions whose last column is the budget."""
     if sys.argv[1:2] in (["-h"], ["--help"]):
         print(__doc__)
         return 0
     try:
-        now, before = lines(""), lines(sys.argv[1]) if sys.argv[1:] else None
+        now, before = count(""), count(sys.argv[1]) if sys.argv[1:] else None
     except subprocess.CalledProcessError:
         return 2
-    for package in sorted({*now, *(before or ())}):
-        then = f"{before[package]:>8} {now[package] - before[package]:>+6}" if before else ""
-        print(f"{package:<28}{now[package]:>6}{then}")
-    then_sum = f"{sum(before.values()):>8}" if before else ""
-    print(f"{'src and studies':<28}{sum(now.values()):>6}{then_sum}")
+    _print(now, before, "")
+    print("\ndistribution, language, code lines" + (", before, difference" if before else "") + ", budget")
+    _print(totals(now), None if before is None else totals(before), "budget")
     return 0
 
 

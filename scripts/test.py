@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Runs the project's tests on this machine; the first run sets everything up.
 
-usage: test.py [--full] [--lint] [--fast] [--oldest] [pytest arguments]
+usage: test.py [--full] [--lint] [--fast] [--core] [--oldest] [pytest arguments]
 
 Without arguments all tests run that need no minutes of computing, several at a time, and those against the clock after
 the others. ``--full`` runs these, too: sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out
 all tests marked as slow. ``--lint`` also runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the
-documentation. ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of its own
+documentation. ``--core`` runs README's demo and the core's fast tests in a copy without quality and lab, and nothing
+else. ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of its own
 with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with ``--fast`` in a minute. Where
 pytest gets arguments (paths, -k, -m), the tests that these choose run one after another.
 """
@@ -40,10 +41,11 @@ REAL_TIME = [
     str(min(4, 1 + (os.cpu_count() or 1))),
     *BY_FILE,
 ]
-OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
+OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "scenario"]
 #: Campaigns need pyarrow, and that a newer numpy.
-NO_CAMPAIGN = ["--ignore", "src/fsw/test/test_fsw_campaign.py", "-k", "not campaign"]
-OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/test", *NO_CAMPAIGN]
+NO_CAMPAIGN = ["--ignore", "lab/fsw_lab/test/test_lab_campaign.py", "-k", "not campaign"]
+OLDEST_LAB = ["lab/fsw_identification/test", "lab/fsw_tuning/test", "lab/fsw_lab/test", "quality/fsw_quality/test"]
+OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in OLDEST_PACKAGES), "src/fsw/test", *OLDEST_LAB, *NO_CAMPAIGN]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()
@@ -66,7 +68,7 @@ def rewrite_assertions() -> None:
         return
     print("== preparing the tests", flush=True)
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq"]
-    halves = (["test", "studies"], ["src"])
+    halves = (["test", "quality", "lab"], ["src"])
     running = [subprocess.Popen([*collect, *half], cwd=WORKSPACE, stdout=subprocess.DEVNULL) for half in halves]
     for one in running:
         one.wait()
@@ -77,6 +79,10 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # else each of a thousand processes would compile what it imports
     arguments = sys.argv[1:]
+    if "--core" in arguments:
+        from _core import check
+
+        return check()
     if OLDEST in arguments:
         chosen = "not slow and not full" if "--fast" in arguments else "not full"
         arguments = [one for one in arguments if one not in (OLDEST, "--fast")]

@@ -1,5 +1,6 @@
 """The entry scripts: what they tell and refuse before anything runs."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -48,11 +49,34 @@ def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path)
 def test_lines_are_counted_now_and_at_another_revision():
     ran = run("count_lines", "HEAD")
     assert ran.returncode == 0 and ran.stderr == ""
-    rows = {words[0]: list(map(int, words[1:])) for words in map(str.split, ran.stdout.splitlines()[:-1])}
+    packages, sums = ran.stdout.split("\n\n")
+    rows = {tuple(words[:2]): list(map(int, words[2:5])) for words in map(str.split, packages.splitlines())}
     assert all(now == before + more for now, before, more in rows.values())
-    assert {"src/fsw_control", "studies/canister"} <= rows.keys()
+    assert {("src/fsw_control", "Python"), ("src/fsw_nmpc", "C"), ("lab/studies/canister", "Python")} <= rows.keys()
+    core = next(words for words in map(str.split, sums.splitlines()) if words[:2] == ["core", "Python"])
+    assert int(core[2]) == sum(
+        now for (name, language), (now, *_) in rows.items() if name[:4] == "src/" and language == "Python"
+    )
     ran = run("count_lines", "no_such_revision")
     assert ran.returncode == 2 and "Traceback" not in ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "lines"),
+    [
+        (
+            '"""Of a module."""\n\n# why\ndef f():\n    """Of it.\n\n    More.\n    """\n    return """a\n\nb"""\n',
+            "Python",
+            4,
+        ),
+        ("x = (\n    1,  # one\n\n)\n", "Python", 3),
+        ('/* a\n b */ int x; // c\n\nchar *s = "/* no */";\n', "C", 2),
+        ("// a\nlet url = `http://b`; /* c */\n/* d\n */\n", "JavaScript", 1),
+    ],
+)
+def test_blank_lines_comments_and_docstrings_are_no_code(monkeypatch, text, language, lines):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    assert importlib.import_module("count_lines").code_lines(text, language) == lines
 
 
 def test_help_of_the_tests_installs_nothing(tmp_path):
