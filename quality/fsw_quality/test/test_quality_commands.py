@@ -2,9 +2,12 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from fsw.main import parser
+from fsw_schema.extensions import all_loaded
 from fsw_test_support.command_line import run
 
 
@@ -26,3 +29,10 @@ sys.modules.update(dict.fromkeys([*extras.split(), "starlette", "rclpy"]))
 assert "verify-evidence" in parser("fsw.py", "bag").format_help() + parser().parse_args(["bag", "verify-evidence"]).verb
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_record_of_a_weld_by_a_procedure_is_written_after_its_recording():
+    (words,) = [make("{bag}", "some.yaml") for make in all_loaded("fsw.record_hooks").values()]
+    assert words[1:3] == ["-m", "fsw.main"]
+    parsed = parser("fsw.py", "record").parse_args(words[3:])
+    assert (parsed.bag, parsed.procedure, parsed.out) == ([Path("{bag}")], "some.yaml", Path("{bag}/record"))

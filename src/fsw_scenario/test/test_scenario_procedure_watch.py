@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_control.cause import Cause
 from fsw_control.parameters import defaults, load
-from fsw_scenario import procedure
+from fsw_scenario import procedure, procedure_limits
 from fsw_scenario.procedure_limits import graph_parameters, node_parameters
 from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_schema.models import InputError
@@ -46,12 +47,18 @@ def test_limits_follow_the_procedure() -> None:
     assert not any("depth" in name for name in supervisor)
 
 
-def test_a_weld_by_a_procedure_has_its_limits_and_its_record() -> None:
+@pytest.mark.parametrize("hooked", [True, False])
+def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(monkeypatch: pytest.MonkeyPatch, hooked: bool) -> None:
+    hooks = {"judge": lambda bag, file: ["judge", bag, "a file", file]} if hooked else {}
+    monkeypatch.setattr(procedure_limits, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
     found = graph_parameters("copper_lid", SUPERVISOR)
     assert found["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
     assert found["fsw_recorder"]["attach"] == [found["fsw_procedure"]["procedure"]]
     assert found["fsw_hmi"] == found["fsw_procedure"], "it has its limits from the file itself"
-    assert "fsw.main record " in found["fsw_recorder"]["on_finished"][0]
+    file = found["fsw_procedure"]["procedure"]
+    commands = found["fsw_recorder"].get("on_finished", [])  # an empty list would have no type in ROS
+    assert [shlex.split(command) for command in commands] == ([["judge", "{bag}", "a file", file]] if hooked else [])
+    assert ("on_finished" in found["fsw_recorder"]) is hooked
 
 
 def test_commands_are_narrowed_never_widened() -> None:
