@@ -256,7 +256,9 @@ def test_no_page_is_too_long_to_be_read(page: Path) -> None:
 @pytest.fixture(scope="module")
 def generated() -> dict[str, str]:
     """The pages of the reference, which are in the site alone."""
-    files: dict[str, str] = load("reference_pages").reference()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(WORKSPACE / "scripts")
+        files: dict[str, str] = load("reference_pages").reference()
     return {name.removesuffix(".md"): text for name, text in files.items() if name.endswith(".md")}
 
 

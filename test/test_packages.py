@@ -332,9 +332,9 @@ def test_package_xml_agrees_with_pyproject(package: Path) -> None:
 
 def test_the_version_is_the_same_everywhere() -> None:
     versions = {"CITATION.cff": yaml.safe_load((SOURCES.parent / "CITATION.cff").read_text("utf-8"))["version"]}
-    for path in SOURCES.glob("*/package.xml"):
-        versions[str(path)] = ElementTree.parse(path).findtext("version")
-    for path in SOURCES.glob("*/setup.py"):
+    for package in [*PACKAGES, SOURCES / "fsw_msgs"]:
+        versions[str(package)] = ElementTree.parse(package / "package.xml").findtext("version")
+    for path in (package / "setup.py" for package in PACKAGES):
         versions[str(path)] = re.search(r'version="(.*)"', path.read_text("utf-8"))[1]
     changes = (SOURCES.parent / "CHANGELOG.md").read_text(encoding="utf-8")
     versions["CHANGELOG.md"] = re.search(r"^## \[(.*)\]", changes, re.MULTILINE)[1]
