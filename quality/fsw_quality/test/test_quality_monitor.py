@@ -302,6 +302,6 @@ def test_every_cause_has_words(cause: WatchCause) -> None:
 
 
 def test_codes_are_those_of_the_message() -> None:
-    text = (Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg" / "WeldFinding.msg").read_text("utf-8")
+    text = (Path(__file__).resolve().parents[3] / "src" / "fsw_msgs" / "msg" / "WeldFinding.msg").read_text("utf-8")
     codes = {name: int(number) for name, number in re.findall(r"^uint8 (\w+)=(\d+)$", text, re.MULTILINE)}
     assert codes == {one.name: int(one) for one in WatchCause}
